@@ -17,6 +17,8 @@ import numpy as np
 from dse.base.records import Array, Floats
 from dse.data.recordings import EventSource, RecordingError, arrays
 from dse.data.recordings.arrays import first_text, place, read_table
+from dse.data.recordings.csv_head import LABEL, head_of
+from dse.data.recordings.doubts import CLEARLY, SOME, smoothness
 from dse.data.recordings.event_files import EventFiles, folder_columns
 from dse.data.recordings.files import TABLES, files_below, tables_below
 from dse.data.recordings.formats.arrays import USUAL
@@ -51,8 +53,6 @@ _FEWEST_SAMPLES = 4
 """Sample columns that make a table a wide one."""
 _JITTER = 0.1  # share of a step by which times may differ without a word
 _STRAY = 0.1  # share of cells without a number that a column of numbers may have by mistake
-_SOME = 32  # recordings that tell which axis has the steps
-_CLEARLY = 0.2  # by which the neighbours on an axis of steps correlate more, where these are not the most
 _POLARITIES = 2
 _WIDEST = 1 << 15  # addresses of a frame that is not known yet
 
@@ -168,6 +168,10 @@ class _Looking:
         table.columns = table.columns.map(str)
         if table.empty:
             raise self._refuse("the table has no rows")
+        one = self.path / tables_below(self.path)[0] if self.path.is_dir() else self.path
+        if one.suffix.lower() != ".parquet" and (unnamed := head_of(one).names) is not None:
+            label = f", '{LABEL}' is the {'first' if unnamed[0] == LABEL else 'last'}" * (LABEL in unnamed)
+            self.assumed.append(f"the first line names no columns: they are numbered from 0{label}")
         names, dates = list(table.columns), []
         for name in (name for name in names if _time_unit(name) is not None):
             if (ms := arrays.dates_ms(table[name].to_numpy())) is not None:
@@ -634,24 +638,15 @@ def _axes(samples: Array, n_labels: set[int]) -> list[str]:
     """Return names of axes: recordings are as many as labels; steps are those of frames, smooth or many."""
     recording, others = _recording_axis(samples.shape, n_labels)
     n = samples.shape[recording]
-    some = np.take(samples, np.arange(0, n, max(1, n // _SOME)), recording)
+    some = np.take(samples, np.arange(0, n, max(1, n // SOME)), recording)
     places = [k for k in others if samples.shape[k] != _POLARITIES] or others
     if len(places) == 3:  # rows and columns are neighbours, and more alike than either is like steps
         before, between, after = (math.log(max(1, samples.shape[k])) for k in places)
         step = places[0] if abs(between - after) <= abs(before - between) else places[2]
     else:
         step = max(places, key=lambda k: samples.shape[k])
-        step = max(places, key=lambda k: _smoothness(some, k) + (_CLEARLY if k == step else 0.0))
+        step = max(places, key=lambda k: smoothness(some, k) + (CLEARLY if k == step else 0.0))
     return _names_of(samples.shape, {recording: "recording", step: "step"})
-
-
-def _smoothness(samples: Array, axis: int) -> float:
-    """Return the correlation of neighbours on an axis, without what is constant along it."""
-    if samples.dtype.kind not in "biuf":
-        return 0.0
-    values = np.moveaxis(np.where(np.isfinite(samples), samples, 0).astype(float), axis, 0)
-    values -= values.mean(axis=0)
-    return float((values[1:] * values[:-1]).sum() / max((values**2).sum(), np.finfo(float).tiny))
 
 
 def _recording_axis(sizes: tuple[int, ...], n_labels: set[int]) -> tuple[int, list[int]]:

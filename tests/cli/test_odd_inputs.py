@@ -259,6 +259,12 @@ def test_what_is_doubtful_is_said_before_training(space, capsys, name):
     assert sentence in notes(capsys, "run", space, *more, "--quiet")
 
 
+def test_a_wide_signal_that_is_smooth_along_its_steps_is_not_doubtful(space, capsys):
+    rng = np.random.default_rng(5)
+    np.savez("x.npz", signal=rng.normal(size=(120, 50, 60)).cumsum(axis=1), fabric=waves(120)[1])
+    assert "60 channels" not in notes(capsys, "check", space)
+
+
 def test_a_step_in_seconds_is_doubtful(space, capsys):
     assert "the longest recording lasts 0.2 ms" in notes(
         capsys, "check", space, "--set", "data.step_ms=0.004"

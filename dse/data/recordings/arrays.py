@@ -24,9 +24,10 @@ import numpy as np
 from numpy.lib import format as npy
 
 from dse.base.records import Array, Floats
-from dse.config.bounds import MOST_COLUMNS, MOST_COMPRESSION, UNCOMPRESSED_BYTES
+from dse.config.bounds import MOST_COMPRESSION, UNCOMPRESSED_BYTES
 from dse.config.faults import known_names
 from dse.data.recordings import RecordingError
+from dse.data.recordings.csv_head import head_of
 from dse.data.recordings.files import TABLES, by_path, tables_below
 
 if TYPE_CHECKING:
@@ -45,11 +46,8 @@ _HDF5 = b"\x89HDF\r\n\x1a\n"
 _MATLAB_HEADER = 512  # bytes before the HDF5 part of a MATLAB 7.3 file
 _MATRIX, _COMPRESSED = 14, 15  # types of the elements of a MATLAB file; those of numbers and texts:
 _MATLAB_TYPES = (1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 16, 17, 18)
-_SEPARATORS = (b",", b";", b"\t")
-_HEAD_BYTES = 1 << 16
 _DATE = r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d"
 _FEWEST_GROUPS = 4  # of HDF5 that are a recording each: fewer may be parts of a data set
-_POINT = re.compile(rb"(?<![\d.])\d+\.\d+(?![\d.])")  # of a number, not of a date
 
 
 def headers(path: Path) -> dict[str, tuple[int, ...]]:
@@ -367,11 +365,12 @@ def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> 
         raise RecordingError(f"{path.name}: the file is empty")
     try:
         if path.suffix.lower() in (".csv", ".tsv"):
-            separator, decimal = _marks(path)
-            rows = 0 if head else None
+            marks = head_of(path)
+            header: Literal["infer"] | None = "infer" if marks.names is None else None
             return pd.read_csv(
-                path, sep=separator, decimal=decimal, usecols=columns, nrows=rows, low_memory=False
-            )
+                path, sep=marks.separator, decimal=marks.decimal, header=header, names=marks.names,
+                usecols=columns, nrows=0 if head else None, low_memory=False,
+            )  # fmt: skip
         if path.suffix.lower() == ".parquet" and head:
             import pyarrow.parquet
 
@@ -403,24 +402,11 @@ def _of_folder(folder: Path, columns: list[str] | None, head: bool) -> pd.DataFr
     return whole if columns is None else whole[columns]
 
 
-def _marks(path: Path) -> tuple[str, str]:
-    """Return what separates the columns of a CSV file, and what the decimals of its numbers.
-
-    The first is the most frequent of comma, semicolon and tab in the first line; commas between the digits of
-    the next lines are decimal where they separate no columns, and no number has a point.
-    """
-    with path.open("rb") as file:
-        first, head = file.readline(), file.read(_HEAD_BYTES)
-    separator = max(_SEPARATORS, key=first.count)
-    if (n := first.count(separator) + 1) > MOST_COLUMNS:
-        raise RecordingError(f"{path.name}: a table must have at most {MOST_COLUMNS} columns, got {n}")
-    has_comma = separator != b"," and re.search(rb"\d,\d", head) and not _POINT.search(head)
-    return separator.decode(), "," if has_comma else "."
-
-
 def place(path: Path, row: int) -> str:
     """Return where a row of a table is, from 0, as a user finds it: its line in a CSV file."""
-    return f"line {row + 2}" if path.suffix.lower() in (".csv", ".tsv") else f"row {row}"
+    if path.suffix.lower() not in (".csv", ".tsv"):
+        return f"row {row}"
+    return f"line {row + (2 if not path.is_file() or head_of(path).names is None else 1)}"
 
 
 def numbers(values: Array, name: str, path: Path) -> Floats:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from dse.base import seeds
-from dse.base.records import Floats, Ints, Signals
+from dse.base.records import Array, Floats, Ints, Signals
 from dse.data.recordings import RecordingError, Recordings
 from dse.data.recordings.splits import Labelled
 
@@ -97,11 +97,29 @@ def _axes(of: Used) -> Iterator[str]:
         return
     longest = int(signals.lengths[of.labels.used].max())
     if longest < signals.n_channels:
+        used = np.flatnonzero(of.labels.used)
+        parts = signals.offsets[used[:: max(1, len(used) // SOME), None] + [0, 1]]
+        some = [signals.values[begin:end] for begin, end in parts]
+        steps, channels = (np.mean([smoothness(values, axis) for values in some]) for axis in (0, 1))
+        if steps >= channels + CLEARLY:
+            return
         yield (
             f"recordings have {longest} steps of {signals.n_channels} channels; if these are {longest} "
             "channels, name the axes in their order: data.axes of a file, `axes` of dse.data.from_arrays, "
             "such as 'recording channel step'"
         )
+
+
+def smoothness(samples: Array, axis: int) -> float:
+    """Return the correlation of neighbours on an axis, without what is constant along it; 0 of texts.
+
+    Signals change smoothly along steps, and seldom along channels.
+    """
+    if samples.dtype.kind not in "biuf":
+        return 0.0
+    values = np.moveaxis(np.where(np.isfinite(samples), samples, 0).astype(float), axis, 0)
+    values -= values.mean(axis=0)
+    return float((values[1:] * values[:-1]).sum() / max((values**2).sum(), np.finfo(float).tiny))
 
 
 def _lengths(of: Used) -> Iterator[str]:
@@ -153,6 +171,12 @@ _CHECKS: tuple[Callable[[Used], Iterator[str]], ...] = (_labels, _axes, _lengths
 
 _NEIGHBOURS = 5
 _ROWS_AT_ONCE = 256
+
+SOME = 32
+"""Recordings that tell which axis has the steps."""
+
+CLEARLY = 0.2
+"""By how much more neighbours on an axis of steps correlate, where it is not the longest."""
 
 MOST = 1000
 """Training and validation samples that are read, each; of more, a random draw."""

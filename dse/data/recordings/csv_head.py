@@ -1,0 +1,99 @@
+"""The head of a CSV file: what separates columns, what decimals begin with, and how columns are called."""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from dse.config.bounds import MOST_COLUMNS
+from dse.data.recordings import RecordingError
+
+LABEL = "label"
+"""Name of the column of a file without names that must be the label."""
+
+_SEPARATORS = (b",", b";", b"\t")
+_HEAD_BYTES = 1 << 16
+_HEAD_LINES = 40
+_MANY = 8  # numbers that rise are names, as times are; so many rise by chance in no sample
+_POINT = re.compile(rb"(?<![\d.])\d+\.\d+(?![\d.])")  # of a number, not of a date
+
+Fields = Sequence["float | str"]
+
+
+class Head(NamedTuple):
+    """What separates columns and decimals; names, where the first line has none."""
+
+    separator: str
+    decimal: str
+    names: list[str] | None
+
+
+def head_of(path: Path) -> Head:
+    """Return the head of a CSV file.
+
+    The separator is the most frequent of comma, semicolon and tab in the first line, or what separates
+    numbers there, whose commas are decimal; commas between the digits of the next lines are decimal where
+    they separate no columns, and no number has a point.
+
+    Raises:
+        RecordingError: there are too many columns.
+    """
+    with path.open("rb") as file:
+        first, head = file.readline(), file.read(_HEAD_BYTES)
+    of_numbers = (x for x in _SEPARATORS[1:] if x in first and _all_numbers(first.replace(b",", b"."), x))
+    separator = next(of_numbers, max(_SEPARATORS, key=first.count))
+    if (n := first.count(separator) + 1) > MOST_COLUMNS:
+        raise RecordingError(f"{path.name}: a table must have at most {MOST_COLUMNS} columns, got {n}")
+    has_comma = separator != b"," and re.search(rb"\d,\d", head) and not _POINT.search(head)
+    decimal = "," if has_comma else "."
+    lines = (_fields(line, separator) for line in (first, *head.splitlines()[:_HEAD_LINES]))
+    # The last line may be cut.
+    rows = [[_value(field.replace(decimal, ".")) for field in line] for line in lines if len(line) == n]
+    return Head(separator.decode(), decimal, None if _are_names(rows) else _numbered(rows))
+
+
+def _fields(line: bytes, separator: bytes) -> list[str]:
+    fields = line.decode("utf-8", "replace").split(separator.decode())
+    return [field.strip().strip('"') for field in fields]
+
+
+def _all_numbers(line: bytes, separator: bytes) -> bool:
+    return not any(isinstance(_value(field), str) for field in _fields(line, separator))
+
+
+def _value(field: str) -> float | str:
+    try:
+        return float(field)
+    except ValueError:
+        return field
+
+
+def _are_names(rows: Sequence[Fields]) -> bool:
+    """Return whether the first line names columns.
+
+    It does where a text is in no other line, as labels would be, and where numbers count columns or rise.
+    """
+    first, *others = rows
+    numbers = [x for x in first if not isinstance(x, str)]
+    if any(isinstance(x, str) and x not in [row[k] for row in others] for k, x in enumerate(first)):
+        return True
+    if len(first) == 1:
+        return numbers == [0.0]  # as pandas names a column
+    is_count = any(numbers == [start + k for k in range(len(numbers))] for start in (0, 1))
+    return is_count or (len(numbers) >= _MANY and all(a < b for a, b in itertools.pairwise(numbers)))
+
+
+def _numbered(rows: Sequence[Fields]) -> list[str]:
+    """Return names for columns: their numbers, and `label` for a first or last one that alone is no signal.
+
+    That holds texts, or whole numbers where most others have fractions.
+    """
+    names = [f"{k}" for k in range(len(rows[0]))]
+    is_signal = [any(not isinstance(x, str) and x % 1 for x in column) for column in zip(*rows, strict=True)]
+    label = next((k for k in (0, -1) if not is_signal[k]), None)
+    if label is not None and (2 * sum(is_signal) >= len(names) - 1 or isinstance(rows[0][label], str)):
+        names[label] = LABEL
+    return names
