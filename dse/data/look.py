@@ -123,8 +123,8 @@ def look(path: Path, options: Options) -> Look:
         raise RecordingError(f"{path.name}: spreadsheets are not read; save the sheet as CSV")
     else:
         raise RecordingError(
-            f"{path.name}: must be a table (.csv, .tsv, .parquet), arrays (.npz, .npy, .mat, .h5), or a "
-            "folder of tables or event files"
+            f"{path.name}: must be a table (.csv, .tsv, .txt, .parquet), arrays (.npz, .npy, .mat, .h5), or "
+            "a folder of tables or event files"
         )
     if options.step_ms is not None and "step_ms" not in guess.data:
         raise RecordingError(f"{path.name}: --step-ms is for sampled signals and spikes, not for events")

@@ -55,7 +55,8 @@ def init(
     """Write a first search space for your recordings, and say what it assumes about them.
 
     Args:
-        data: a table (.csv, .tsv, .parquet), arrays (.npz, .npy, .mat, .h5), or a folder of event files.
+        data: a table (.csv, .tsv, .txt, .parquet), arrays (.npz, .npy, .mat, .h5), or a folder of event
+            files.
         label (COLUMN): label column to predict (default: guessed).
         labels (FILE): file of the labels: a table or arrays (default: looked for beside DATA).
         group (COLUMN): label column whose values stay in one part of the split, e.g. session (default:

@@ -1,4 +1,4 @@
-"""Named arrays of a file: of .npz, .npy, .mat and HDF5, and the columns of .csv, .tsv and .parquet tables.
+"""Named arrays of a file: of .npz, .npy, .mat and HDF5, and the columns of .csv, .tsv, .txt and .parquet.
 
 The array of an .npy file is named `array`. One of HDF5 has its path, such as `touch/pressure`. MATLAB
 writes vectors as matrices with one row or column, which are vectors here; a cell of texts is an array of
@@ -28,7 +28,7 @@ from dse.config.bounds import MOST_COMPRESSION, UNCOMPRESSED_BYTES
 from dse.config.faults import known_names
 from dse.data.recordings import RecordingError
 from dse.data.recordings.csv_head import head_of
-from dse.data.recordings.files import TABLES, by_path, tables_below
+from dse.data.recordings.files import TABLES, TEXTS, by_path, tables_below
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -335,7 +335,7 @@ def _together(values: list[Array]) -> Array:
 
 def is_table(path: Path) -> bool:
     """Return whether a file is a table, as a folder of tables is."""
-    return path.is_dir() or path.suffix.lower() in TABLES
+    return path.is_dir() or path.suffix.lower() in (*TABLES, *TEXTS)
 
 
 def column_names(path: Path) -> list[str]:
@@ -348,7 +348,7 @@ def column_names(path: Path) -> list[str]:
 
 
 def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> pd.DataFrame:
-    """Return columns, or all, of a table: .csv (commas, semicolons, tabs), .parquet, or a folder of them.
+    """Return columns, or all, of a table: .csv, .tsv or .txt, .parquet, or a folder of them.
 
     The tables of a folder lie one below the other, in the order of their paths below it, which are in column
     `file`; the name of the folder that each lies in is in column `folder`. With `head`, there are no rows.
@@ -364,7 +364,7 @@ def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> 
     if path.stat().st_size == 0:
         raise RecordingError(f"{path.name}: the file is empty")
     try:
-        if path.suffix.lower() in (".csv", ".tsv"):
+        if path.suffix.lower() in TEXTS:
             marks = head_of(path)
             header: Literal["infer"] | None = "infer" if marks.names is None else None
             return pd.read_csv(
@@ -381,7 +381,7 @@ def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> 
     except (ValueError, OSError, pyarrow.ArrowException) as error:
         reason = " ".join(str(error).split())
         raise RecordingError(f"{path.name}: the file cannot be read ({reason})") from None
-    raise RecordingError(f"{path.name}: a table must be a .csv or .parquet file")
+    raise RecordingError(f"{path.name}: a table must be a .csv, .tsv, .txt or .parquet file")
 
 
 def _of_folder(folder: Path, columns: list[str] | None, head: bool) -> pd.DataFrame:
@@ -404,7 +404,7 @@ def _of_folder(folder: Path, columns: list[str] | None, head: bool) -> pd.DataFr
 
 def place(path: Path, row: int) -> str:
     """Return where a row of a table is, from 0, as a user finds it: its line in a CSV file."""
-    if path.suffix.lower() not in (".csv", ".tsv"):
+    if path.suffix.lower() not in TEXTS:
         return f"row {row}"
     return f"line {row + (2 if not path.is_file() or head_of(path).names is None else 1)}"
 

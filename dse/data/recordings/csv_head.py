@@ -14,7 +14,10 @@ from dse.data.recordings import RecordingError
 LABEL = "label"
 """Name of the column of a file without names that must be the label."""
 
-_SEPARATORS = (b",", b";", b"\t")
+BLANKS = r"\s+"
+"""Separator of columns of numbers, as numpy.savetxt writes them."""
+
+_SEPARATORS = (",", ";", "\t")
 _HEAD_BYTES = 1 << 16
 _HEAD_LINES = 40
 _MANY = 8  # numbers that rise are names, as times are; so many rise by chance in no sample
@@ -35,33 +38,35 @@ def head_of(path: Path) -> Head:
     """Return the head of a CSV file.
 
     The separator is the most frequent of comma, semicolon and tab in the first line, or what separates
-    numbers there, whose commas are decimal; commas between the digits of the next lines are decimal where
-    they separate no columns, and no number has a point.
+    numbers there, whose commas are decimal, or blanks between numbers. Commas between the digits of the next
+    lines are decimal where they separate no columns, and no number has a point.
 
     Raises:
         RecordingError: there are too many columns.
     """
     with path.open("rb") as file:
         first, head = file.readline(), file.read(_HEAD_BYTES)
-    of_numbers = (x for x in _SEPARATORS[1:] if x in first and _all_numbers(first.replace(b",", b"."), x))
-    separator = next(of_numbers, max(_SEPARATORS, key=first.count))
-    if (n := first.count(separator) + 1) > MOST_COLUMNS:
+    line, (usual, *others) = first.decode("utf-8", "replace"), _SEPARATORS
+    others += [] if any(x in line for x in _SEPARATORS) else [BLANKS]
+    of_numbers = (x for x in others if _are_numbers(_fields(line.replace(usual, "."), x)))
+    separator = next(of_numbers, max(_SEPARATORS, key=line.count))
+    if (n := len(_fields(line, separator))) > MOST_COLUMNS:
         raise RecordingError(f"{path.name}: a table must have at most {MOST_COLUMNS} columns, got {n}")
-    has_comma = separator != b"," and re.search(rb"\d,\d", head) and not _POINT.search(head)
+    has_comma = separator != usual and re.search(rb"\d,\d", head) and not _POINT.search(head)
     decimal = "," if has_comma else "."
-    lines = (_fields(line, separator) for line in (first, *head.splitlines()[:_HEAD_LINES]))
-    # The last line may be cut.
-    rows = [[_value(field.replace(decimal, ".")) for field in line] for line in lines if len(line) == n]
-    return Head(separator.decode(), decimal, None if _are_names(rows) else _numbered(rows))
+    lines = [line, *head.decode("utf-8", "replace").splitlines()[:_HEAD_LINES]]
+    rows = [[_value(field.replace(decimal, ".")) for field in _fields(x, separator)] for x in lines]
+    rows = [row for row in rows if len(row) == n]  # the last line may be cut
+    return Head(separator, decimal, None if _are_names(rows) else _numbered(rows))
 
 
-def _fields(line: bytes, separator: bytes) -> list[str]:
-    fields = line.decode("utf-8", "replace").split(separator.decode())
+def _fields(line: str, separator: str) -> list[str]:
+    fields = line.split(None if separator == BLANKS else separator)
     return [field.strip().strip('"') for field in fields]
 
 
-def _all_numbers(line: bytes, separator: bytes) -> bool:
-    return not any(isinstance(_value(field), str) for field in _fields(line, separator))
+def _are_numbers(fields: Sequence[str]) -> bool:
+    return len(fields) > 1 and not any(isinstance(_value(field), str) for field in fields)
 
 
 def _value(field: str) -> float | str:

@@ -13,7 +13,8 @@ from typing import Literal
 from dse.data.recordings import RecordingError
 
 TABLES = (".csv", ".tsv", ".parquet")
-"""Endings of tables."""
+"""Endings of tables; of texts (`TEXTS`), .txt is one where it is named, in a folder it may be anything."""
+TEXTS = (".csv", ".tsv", ".txt")
 
 
 def locate(name: str, base: Path, kind: Literal["file", "folder"] = "file") -> Path:

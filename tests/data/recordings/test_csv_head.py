@@ -28,6 +28,8 @@ NAMED = None
         ("silk,5,3,9\nwool,4,4,1\nsilk,3,5,2\n", ["label", "1", "2", "3"]),
         ("512,498,530\n511,499,530\n", ["0", "1", "2"]),
         ("0,5;1,25\n0,75;-2,5\n", ["0", "1"]),
+        ("  0.5   -1.25  2\n  0.25   1  1\n", ["0", "1", "label"]),
+        ("left right\n1 2\n", NAMED),  # one column: blanks separate numbers alone
         ("silk\nwool\nsilk\n", ["label"]),
         ("1\n2\n1\n", ["label"]),
         ("1.5\n2.5\n", ["0"]),
@@ -52,15 +54,23 @@ def test_a_line_that_the_head_cuts_tells_nothing(tmp_path):
     assert len(arrays.read_table(tmp_path / "x.csv", ["0" if "0" in names else "label", "20000"])) == 3
 
 
-def test_files_of_numbers_alone_are_recordings_with_all_their_lines(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    ("name", "how"), [("wide.csv", {"delimiter": ",", "fmt": "%.4f"}), ("wide.csv", {}), ("wide.txt", {})]
+)
+def test_a_file_of_numbers_alone_is_read_with_all_its_lines(tmp_path, monkeypatch, name, how):
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(3)
     walks = rng.normal(size=(40, 50)).cumsum(axis=1)
-    np.savetxt("wide.csv", np.c_[np.arange(40) % 3, walks], delimiter=",", fmt="%.4f")
-    space = dse.load_space(dse.init("wide.csv", step_ms=4))
+    np.savetxt(name, np.c_[np.arange(40) % 3, walks], **how)
+    space = dse.load_space(dse.init(name, step_ms=4))
     signals = space.data.read(tmp_path)
     assert np.allclose(signals.values.reshape(40, 50), walks, atol=1e-3)
     assert signals.columns["label"].tolist() == (np.arange(40) % 3).tolist()
+
+
+def test_a_folder_of_files_of_numbers_alone(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rng = np.random.default_rng(3)
     for number in range(24):
         folder = tmp_path / "many" / ("silk" if number % 2 else "wool")
         folder.mkdir(parents=True, exist_ok=True)
