@@ -22,6 +22,7 @@ from dse.data.recordings.doubts import CLEARLY, SOME, smoothness
 from dse.data.recordings.event_files import EventFiles, folder_columns
 from dse.data.recordings.files import TABLES, files_below, tables_below
 from dse.data.recordings.formats.arrays import USUAL
+from dse.data.recordings.source import as_labels
 from dse.data.recordings.table import UNITS_MS, is_even, numbered
 from dse.data.recordings.time_series import sample_columns
 
@@ -309,8 +310,8 @@ class _Looking:
         if self.options.labels is not None or has_labels:
             return None if self.options.labels is None else Path(self.options.labels)
         stem = self.path.stem
-        names = [f"{stem}_labels", f"labels_{stem}", "labels", "metadata", "meta"]
-        files = (self.path.with_name(f"{name}{suffix}") for name in names for suffix in TABLES)
+        names = [f"{stem}_labels", f"labels_{stem}", "labels", "metadata", "meta", "y"]
+        files = (self.path.with_name(f"{name}{suffix}") for name in names for suffix in (*TABLES, ".npy"))
         return next((file for file in files if file.is_file() and file != self.path), None)
 
     def _labels_at(self, file: Path, how: str) -> str:
@@ -457,8 +458,11 @@ class _Looking:
             self.assumed.append(f"'{signal}' is ({sizes})")
         else:
             raise self._refuse(f"'{signal}' must have 2 to 4 axes, got shape {shape}; --signal NAME")
+        matrices = () if labels else (x for x, of in shapes.items() if len(of) == 2 and of[0] == n != 0)
+        names |= {x: n for x in matrices if x != signal and as_labels(arrays.load(path, [x])[x]).ndim == 1}
         candidates = [name for name, length in names.items() if length == n]
-        values = {name: labels[name] for name in candidates} if labels else arrays.load(path, candidates)
+        loaded = {name: labels[name] for name in candidates} if labels else arrays.load(path, candidates)
+        values = {name: as_labels(x) for name, x in loaded.items()}
         guess = self._with_labels(data | beside, values, n, {} if label_file else vectors)
         step_ms = _stated_step(path, shapes)
         if step_ms is not None:

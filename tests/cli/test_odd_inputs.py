@@ -205,6 +205,23 @@ def test_the_axis_of_steps_is_found_by_the_signal(shape, axes):
     assert signals.n_channels == signal.size // 30 // shape[step]
 
 
+def test_a_published_test_set_in_arrays_or_folders_of_its_own_stays_one():
+    rng = np.random.default_rng(6)
+    x, y = rng.normal(size=(60, 40, 3)).cumsum(axis=1), np.arange(60) % 3
+    np.savez("touch.npz", X_train=x[:40], y_train=np.eye(3)[y[:40]], X_test=x[40:], y_test=np.eye(3)[y[40:]])
+    for number, (signal, code) in enumerate(zip(x, y, strict=True)):
+        folder = Path("touch") / ("train" if number < 40 else "Test") / f"fabric_{code}"
+        folder.mkdir(parents=True, exist_ok=True)
+        np.save(folder / f"{number:02d}.npy", signal)
+    for place in ("touch.npz", "touch"):
+        space = dse.load_space(dse.init(place, "touch.yaml", step_ms=4, force=True))
+        part = space.split.k_fold.test
+        signals = space.data.read(Path())
+        held = signals.columns["split"] == "test"
+        assert part == {"split": "test"} and held.sum() == 20
+        assert sorted(signals.values[:, 0]) == pytest.approx(sorted(x[:, :, 0].ravel()), abs=1e-5)
+
+
 def test_the_longer_axis_has_the_steps_where_the_signal_does_not_tell():
     rng = np.random.default_rng(4)
     signal = rng.normal(size=(30, 40, 12)) + 5 * rng.normal(size=(30, 40, 1))  # what all channels share

@@ -16,7 +16,7 @@ import subprocess
 import sys
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Literal
 
@@ -28,13 +28,15 @@ from dse.config.bounds import MOST_COMPRESSION, UNCOMPRESSED_BYTES
 from dse.config.faults import known_names
 from dse.data.recordings import RecordingError
 from dse.data.recordings.csv_head import head_of
-from dse.data.recordings.files import TABLES, TEXTS, by_path, tables_below
+from dse.data.recordings.files import TABLES, TEXTS, by_path, part_of, tables_below
 
 if TYPE_CHECKING:
     import pandas as pd
 
 ONE = "array"
 """Name of the array of an .npy file."""
+SPLIT = "split"
+"""Name of the column that tells the recordings of a published training and test set apart."""
 ARRAYS = (".npz", ".npy", ".mat", ".h5", ".hdf5")
 """Endings of files of arrays."""
 
@@ -62,7 +64,35 @@ def headers(path: Path) -> dict[str, tuple[int, ...]]:
 
 
 def described(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
-    """Return the shape and the type of every array; see `headers`. Columns of a table are float64."""
+    """Return the shape and the type of every array; see `headers`. Columns of a table are float64.
+
+    Arrays of a training and of a test set, `X_train` and `X_test`, are the array `X` too, one after the
+    other; then `split` says which recordings are of which.
+    """
+    known = _described(path)
+    for name, (train, test) in halves(known).items():
+        (shape, kind), (other, _) = known[train], known[test]
+        known[name] = ((shape[0] + other[0], *shape[1:]), kind)
+        known.setdefault(SPLIT, ((shape[0] + other[0],), np.dtype("U5")))
+    return known
+
+
+def halves(known: Described) -> dict[str, tuple[str, str]]:
+    """Return name -> the arrays of a training and of a test set that together are an array of this name."""
+    found = {}
+    for name, (shape, _) in known.items():
+        match = re.fullmatch(r"(?:(.+)_)?(train(?:ing)?)(?:_(.+))?", name, re.IGNORECASE)
+        if match is None or bool(match[1]) == bool(match[3]):
+            continue
+        tests = {x.lower(): x for x in known}
+        test = tests.get(name.lower().replace(match[2].lower(), match[2].lower().replace("train", "test")))
+        joined = match[1] or match[3]
+        if test is not None and joined not in known and shape and known[test][0][1:] == shape[1:]:
+            found[joined] = (name, test)
+    return found
+
+
+def _described(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
     if is_table(path):
         return {str(x): ((-1,), np.dtype(np.float64)) for x in read_table(path, None, head=True).columns}
     kind = _kind(path)
@@ -92,7 +122,7 @@ def load(path: Path, names: Iterable[str] | None = None) -> dict[str, Array]:
         table = read_table(path, None if chosen is None else [x for x in chosen if x in column_names(path)])
         values = {str(name): table[name].to_numpy() for name in table.columns}
     elif (kind := _kind(path)) == "npz":
-        known = headers(path)
+        known = _described(path)
         values = {name: _npz_member(path, name) for name in chosen or known if name in known}
     else:
         with _readable(path):
@@ -100,10 +130,25 @@ def load(path: Path, names: Iterable[str] | None = None) -> dict[str, Array]:
                 values = {ONE: np.load(path, allow_pickle=False)}
             else:
                 values = (_hdf5 if kind == "hdf5" else _matlab)(path, chosen)
-    for name in chosen or ():
-        if name not in values:
-            raise RecordingError(missing(path, name, headers(path)))
+    if chosen is not None and (others := [name for name in chosen if name not in values]):
+        values |= _joined(path, others)
     return values if chosen is None else {name: values[name] for name in chosen}
+
+
+def _joined(path: Path, names: Sequence[str]) -> dict[str, Array]:
+    """Return arrays that are those of a training and of a test set, one after the other; see `described`."""
+    pairs = {} if is_table(path) else halves(_described(path))
+    if pairs:
+        pairs.setdefault(SPLIT, next(iter(pairs.values())))
+    for name in names:
+        if name not in pairs:
+            raise RecordingError(missing(path, name, headers(path)))
+    parts = load(path, [x for name in names for x in pairs[name]])
+    found = {name: [parts[x] for x in pairs[name]] for name in names}
+    return {
+        name: np.repeat(["train", "test"], [*map(len, of)]) if name == SPLIT else np.concatenate(of)
+        for name, of in found.items()
+    }
 
 
 def missing(path: Path, name: str, known: Iterable[str]) -> str:
@@ -351,7 +396,9 @@ def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> 
     """Return columns, or all, of a table: .csv, .tsv or .txt, .parquet, or a folder of them.
 
     The tables of a folder lie one below the other, in the order of their paths below it, which are in column
-    `file`; the name of the folder that each lies in is in column `folder`. With `head`, there are no rows.
+    `file`; the name of the folder that each lies in is in column `folder`, and the part that folders above
+    them name (train, test, validation) in column `split`. A matrix (.npy) is a table whose columns are
+    numbered from 0. With `head`, there are no rows.
 
     Raises:
         RecordingError: it cannot be read, or has no such column.
@@ -371,6 +418,12 @@ def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> 
                 path, sep=marks.separator, decimal=marks.decimal, header=header, names=marks.names,
                 usecols=columns, nrows=0 if head else None, low_memory=False,
             )  # fmt: skip
+        if path.suffix.lower() == ".npy":
+            matrix = np.load(path, mmap_mode="r", allow_pickle=False)
+            if matrix.ndim != 2:
+                raise ValueError(f"a recording must be a matrix (step, channel), got shape {matrix.shape}")
+            names = [f"{k}" for k in range(matrix.shape[1])]
+            return pd.DataFrame(matrix[: 0 if head else None], columns=names)
         if path.suffix.lower() == ".parquet" and head:
             import pyarrow.parquet
 
@@ -387,17 +440,20 @@ def read_table(path: Path, columns: list[str] | None, *, head: bool = False) -> 
 def _of_folder(folder: Path, columns: list[str] | None, head: bool) -> pd.DataFrame:
     import pandas as pd
 
-    wanted = None if columns is None else [x for x in columns if x not in ("file", "folder")]
-    parts: list[pd.DataFrame] = []
-    for name in tables_below(folder)[: 1 if head else None]:
+    names, parts = tables_below(folder), list[pd.DataFrame]()
+    of_part = {name: part_of(name) for name in names}
+    beside = ["file", "folder", *([] if None in of_part.values() else [SPLIT])]
+    wanted = None if columns is None else [x for x in columns if x not in beside]
+    for name in names[: 1 if head else None]:
         try:
             table = read_table(folder / name, wanted, head=head)
         except RecordingError as error:
             raise RecordingError(f"{folder.name}: {by_path(error, name)}") from None
-        if parts and list(table.columns) != list(parts[0].columns[:-2]):
-            text = f"must have the columns of {tables_below(folder)[0]}, got {', '.join(table.columns)}"
+        if parts and list(table.columns) != list(parts[0].columns[: -len(beside)]):
+            text = f"must have the columns of {names[0]}, got {', '.join(table.columns)}"
             raise RecordingError(f"{folder.name}: {name}: {text}")
-        parts.append(table.assign(file=name, folder=(folder / name).parent.name))
+        of_file = dict(zip(beside, (name, (folder / name).parent.name, of_part[name]), strict=False))
+        parts.append(table.assign(**of_file))
     whole = pd.concat(parts, ignore_index=True)
     return whole if columns is None else whole[columns]
 

@@ -15,6 +15,8 @@ from dse.data.recordings import RecordingError
 TABLES = (".csv", ".tsv", ".parquet")
 """Endings of tables; of texts (`TEXTS`), .txt is one where it is named, in a folder it may be anything."""
 TEXTS = (".csv", ".tsv", ".txt")
+_PARTS = {"train": "train", "training": "train", "test": "test", "testing": "test"}
+_PARTS |= dict.fromkeys(("val", "valid", "validation"), "validation")
 
 
 def locate(name: str, base: Path, kind: Literal["file", "folder"] = "file") -> Path:
@@ -42,7 +44,13 @@ def locate(name: str, base: Path, kind: Literal["file", "folder"] = "file") -> P
 def tables_below(folder: Path) -> list[str]:
     """Return the tables below a folder, as `files_below`, but for one of labels; none where it is none."""
     names = files_below(folder, "**/*") if folder.is_dir() else []
-    return [x for x in names if x.lower().endswith(TABLES) and not x.startswith("labels.")]
+    return [x for x in names if x.lower().endswith((*TABLES, ".npy")) and not x.startswith("labels.")]
+
+
+def part_of(name: str) -> str | None:
+    """Return the part of a published split that the first folder of a path names; None: no such folder."""
+    first, *others = PurePosixPath(name).parts
+    return _PARTS.get(first.lower()) if len(others) > 1 else None
 
 
 def content(path: Path) -> str:

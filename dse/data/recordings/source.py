@@ -119,7 +119,12 @@ def label_columns(
         raise RecordingError(fault)
     labels = {}
     for column, source in columns.items():
-        values = arrays[source]
+        values = as_labels(arrays[source])
+        if values.ndim > 1:
+            raise RecordingError(
+                f"{where}: column '{column}' (array '{source}') must have one value for each recording, or a "
+                f"1 in the column of its class, got {values.shape[1]} columns"
+            )
         if values.dtype.kind not in "biufUS":
             raise RecordingError(f"{where}: column '{column}' must hold numbers or texts, got {values.dtype}")
         if values.dtype.kind == "f" and np.isnan(values).any():
@@ -130,6 +135,17 @@ def label_columns(
             values = _named(values, arrays[class_names[column]], f"{where}: column '{column}'")
         labels[column] = np.char.strip(values.astype(str)) if values.dtype.kind in "US" else values
     return labels
+
+
+def as_labels(values: Array) -> Array:
+    """Return labels as a vector, a matrix of one column too, or of a 1 per row in the column of its class."""
+    if values.ndim == 2 and values.shape[1] == 1:
+        return values[:, 0]
+    if values.ndim == 2 and values.dtype.kind in "biuf":
+        classes = values.argmax(axis=1) if values.size else values
+        if values.size and np.array_equal(values, np.eye(values.shape[1])[classes]):
+            return classes
+    return values
 
 
 def shape_faults(
@@ -144,7 +160,7 @@ def shape_faults(
         f"{where}: column '{column}' (array '{source}') must have one value for each of the {n} recordings, "
         f"got shape {shapes[source]}"
         for column, source in columns.items()
-        if shapes.get(source, (-1,)) not in ((n,), (-1,))
+        if (shape := shapes.get(source, (-1,))) != (-1,) and (len(shape) not in (1, 2) or shape[0] != n)
     ]
     return faults + [
         f"{where}: class_names contains '{column}', which is not a column of {', '.join(columns) or 'it'}"

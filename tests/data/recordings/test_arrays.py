@@ -102,6 +102,57 @@ def test_frames_of_an_array_of_taxels_are_channels_in_the_order_of_the_file(tmp_
     assert source.read(tmp_path).values.tolist() == frames.reshape(10, 12).tolist()
 
 
+@pytest.mark.parametrize("suffix", [".npz", ".h5", ".mat"])
+@pytest.mark.parametrize("names", ["X_train X_test y_train y_test", "train_X test_X train_y test_y"])
+def test_arrays_of_a_training_and_a_test_set_are_one(tmp_path, suffix, names):
+    x, y = np.arange(5 * 4 * 3.0).reshape(5, 4, 3), np.array([7, 8, 7, 8, 7])
+    path = tmp_path / f"x{suffix}"
+    held = dict(zip(names.split(), (x[:3], x[3:], y[:3], y[3:]), strict=True))
+    if suffix == ".npz":
+        np.savez(path, **held, other=np.zeros(2))
+    elif suffix == ".mat":
+        savemat(path, held)
+    else:
+        with h5py.File(path, "w") as file:
+            for name, array in held.items():
+                file[name] = array
+    assert arrays.headers(path).items() >= {"X": (5, 4, 3), "y": (5,), "split": (5,)}.items()
+    source = TimeSeries(path.name, 4, "X", columns={"fabric": "y", "split": "split"})
+    assert source.check(tmp_path) == []
+    signals = source.read(tmp_path)
+    assert signals.values.tolist() == x.reshape(20, 3).tolist()
+    assert signals.columns["fabric"].tolist() == y.tolist()
+    assert signals.columns["split"].tolist() == ["train"] * 3 + ["test"] * 2
+    assert arrays.load(path, [names.split()[0]]).popitem()[1].shape == (3, 4, 3)
+    with pytest.raises(RecordingError, match="no array 'Z'"):
+        arrays.load(path, ["Z"])
+
+
+def test_arrays_that_do_not_fit_together_stay_apart(tmp_path):
+    np.savez(
+        tmp_path / "x.npz", X_train=np.ones((3, 4, 2)), X_test=np.ones((2, 5, 2)), test=1, train=2, y_train=3
+    )
+    assert {*arrays.headers(tmp_path / "x.npz")} == {"X_train", "X_test", "test", "train", "y_train"}
+
+
+@pytest.mark.parametrize("labels", [[[5], [9]], [[0, 0, 1], [1, 0, 0]], [[0.0, 1.0], [1.0, 0.0]]])
+def test_labels_may_be_a_column_or_a_1_in_the_column_of_their_class(tmp_path, labels):
+    np.savez(tmp_path / "x.npz", signal=CUBE, y=labels)
+    source = TimeSeries("x.npz", 4, columns={"fabric": "y"})
+    assert source.check(tmp_path) == []
+    first, second = source.read(tmp_path).columns["fabric"].tolist()
+    assert (first, second) in ((5, 9), (2, 0), (1, 0))
+
+
+@pytest.mark.parametrize(
+    "labels", [[[5, 1], [9, 1]], [[1, 1], [1, 0]], [[0.5, 0.5], [1, 0]], [["a", "b"]] * 2]
+)
+def test_other_matrices_are_no_labels(tmp_path, labels):
+    np.savez(tmp_path / "x.npz", signal=CUBE, y=labels)
+    with pytest.raises(RecordingError, match=r"x\.npz: column 'fabric' \(array 'y'\) .* got 2 columns"):
+        TimeSeries("x.npz", 4, columns={"fabric": "y"}).read(tmp_path)
+
+
 def test_faults_name_the_file_and_what_is_wrong(tmp_path):
     for name in ("x.npy", "x.mat", "x.h5"):
         (tmp_path / name).write_bytes(b"no such thing, but long enough" * 99)

@@ -102,7 +102,7 @@ OF_ARRAYS = [
     (TIME_SERIES, {"offsets": np.array([0.0, 4, 10])}, "offsets must be integers, one more .*got float64"),
     (TIME_SERIES, {"offsets": np.array([0])}, r"offsets must be integers, one more .*of shape \(1,\)"),
     (TIME_SERIES, {"label": np.array([1, 0, 1])}, rf"column 'fabric' \(array 'label'\) {ONE_EACH}"),
-    (TIME_SERIES, {"label": np.array([[1], [0]])}, rf"{ONE_EACH} recordings, got shape \(2, 1\)"),
+    (TIME_SERIES, {"label": np.zeros((2, 1, 1))}, rf"{ONE_EACH} recordings, got shape \(2, 1, 1\)"),
     (TIME_SERIES, {"label": np.array([0, 2])}, "has code 2 for recording 1, but class_names holds 2"),
     (TIME_SERIES, {"label": np.array([0, -1])}, "column 'fabric' has code -1 for recording 1"),
     (TIME_SERIES, {"label": np.array([0.0, 1])}, "must hold integer codes to be named .*got float64"),
@@ -166,7 +166,7 @@ def test_each_fault_of_arrays_is_one_clear_line(write, tmp_path, source, wrong, 
         ("x.csv", b"", "x.csv: the file is empty"),
         ("x.csv", b'id,t,left,right\na,"b', "x.csv: the file cannot be read"),
         ("x.parquet", b"PAR1 and no more", "x.parquet: the file cannot be read"),
-        ("x.txt", b"id", "x.txt: the file cannot be read"),
+        ("x.doc", b"id", "x.doc: the file cannot be read"),
     ],
 )
 def test_unreadable_tables(tmp_path, name, content, message):
