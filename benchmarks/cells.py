@@ -48,7 +48,7 @@ def main() -> None:
         work = table[list(WORK)].to_numpy()
         test, fit = slice(options.test), slice(options.test, None)
         figures = target.board.chip.at("value")
-        quoted = np.array([figures[f"{of.removesuffix('_bits')}_cells"] for of in WORK])
+        quoted = np.array([figures[of] for of in WORK])
         report(target.profile, "quoted", quoted, work[test], table.cells[test])
         if options.fit:
             costs = np.linalg.lstsq(
@@ -86,7 +86,7 @@ def with_encoders(target: Fpga) -> pd.DataFrame:
     for encoder in ENCODERS:
         form = replace(bare, encoder=send_on_delta_form(encoder, 4))
         after = report(form)
-        blocks = chip.n_blocks(*form.memories["levels"])
+        blocks = chip.n_blocks(form.memories)["levels"]
         rows.append(
             {
                 "chip": target.profile,
@@ -102,8 +102,8 @@ def with_encoders(target: Fpga) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-WORK = ("circuit", "address_bits", "share_bits", "slot_bits", "list")
-"""What cells are for, as the profile counts it."""
+WORK = tuple(f"{of}_cells" for of in ("circuit", "address", "share", "slot", "choice", "list"))
+"""What cells are for, by figure of the chip."""
 
 
 def placed(target: Fpga, n_networks: int) -> pd.DataFrame:
@@ -121,9 +121,8 @@ def placed(target: Fpga, n_networks: int) -> pd.DataFrame:
         with tempfile.TemporaryDirectory() as folder:
             target.emit(form, made, Path(folder))
             report = json.loads((Path(folder) / "report.json").read_bytes())
-        work = 1, form.address_bits, form.share_bits, form.slot_bits, form.stored.is_sparse
         rows.append(
-            {"seed": seed, **dict(zip(WORK, work, strict=True)), **report, "predicted": before["cells"]}
+            {"seed": seed, **target.cell_work(form), **report, "predicted": before["cells"]}
             | {"predicted_blocks": before["memory_blocks"]}
         )
         print({"chip": target.profile, **rows[-1]}, flush=True)

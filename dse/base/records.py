@@ -285,6 +285,11 @@ class Layer:
     delay: Array | None = None
 
     @property
+    def matrices(self) -> list[Floats]:
+        """Its weights, recurrent ones last."""
+        return [self.weight, *([] if self.recurrent is None else [self.recurrent])]
+
+    @property
     def n_weights(self) -> int:
         """Number of nonzero weights, recurrent ones included; copies of a shared weight count once."""
         own = 0 if self.recurrent is None else int(np.count_nonzero(self.recurrent))
@@ -331,16 +336,12 @@ class Network:
     @property
     def is_full(self) -> bool:
         """Whether no synapse is missing: every spike reaches all neurons of the next layer."""
-        matrices = [m for x in self.layers for m in (x.weight, x.recurrent) if m is not None]
-        return all(np.count_nonzero(m) == m.size for m in matrices)
+        return all(np.count_nonzero(m) == m.size for x in self.layers for m in x.matrices)
 
     @property
     def stored(self) -> tuple[int, ...]:
         """Nonzero weights into each layer, recurrent weights and every copy of shared ones included."""
-        return tuple(
-            int(np.count_nonzero(x.weight) + (0 if x.recurrent is None else np.count_nonzero(x.recurrent)))
-            for x in self.layers
-        )
+        return tuple(sum(int(np.count_nonzero(m)) for m in x.matrices) for x in self.layers)
 
     @property
     def delay_bits(self) -> int:
@@ -453,6 +454,7 @@ class Workload:
     peak_state: largest magnitude of a state, as in `Response`; 0: not known.
     steps_per_sample: network steps per input step.
     n_slots: input steps whose spikes delayed copies still need.
+    needed_bits: per matrix of the layers (`Layer.matrices`), bits of its widest weight; None: weight_bits.
     """
 
     sizes: tuple[int, ...]
@@ -474,6 +476,7 @@ class Workload:
     peak_state: int = 0
     steps_per_sample: int = 1
     n_slots: int = 1
+    needed_bits: tuple[int, ...] | None = None
 
     @property
     def n_resonators(self) -> int:

@@ -34,12 +34,11 @@ from dse.data.recordings.scene import SceneTrials
 from dse.deploy.bounds import UNITS_PER_STEP, Bounds, bounds
 from dse.deploy.classifier import Classifier, Input
 from dse.engine.neurons import Population, cuba_lif, population_of, resonator, xylo_lif
-from dse.engine.neurons.fixed_point import WEIGHT_SCALE, quantise
+from dse.engine.neurons.fixed_point import WEIGHT_SCALE, in_steps, quantise
 from dse.measure.heads import joint_label
 
 FrontEnd = Literal["samples", "events", "spikes"]
 _BOUNDED = (cuba_lif.Population, resonator.Population, xylo_lif.Population)
-_STEPS_PER_UNIT = WEIGHT_SCALE // 2
 _MOST_SHIFT = 5  # samples of 24 bits, shifted by this, differ within int32
 
 
@@ -87,12 +86,12 @@ class LayerForm:
     @property
     def forward_steps(self) -> Ints:
         """Weights from the layer before, (input, neuron) in steps of the 8-bit grid, -128 to 127."""
-        return _in_steps(self.weights)
+        return in_steps(self.weights)
 
     @property
     def ring_steps(self) -> Ints:
         """Recurrent weights likewise, (neuron, neuron); without any, no rows."""
-        return _in_steps(np.zeros((0, self.n_neurons)) if self.recurrent is None else self.recurrent)
+        return in_steps(np.zeros((0, self.n_neurons)) if self.recurrent is None else self.recurrent)
 
     @property
     def most_spikes(self) -> int:
@@ -149,16 +148,6 @@ def network_in(bundle: Classifier, holder: str) -> Network:
         return bundle.fitted
     kind = bundle.sections.kinds["model"]
     raise Unsupported(f"{holder} networks of neurons, and family {kind} is none")
-
-
-def _in_steps(weights: Floats) -> Ints:
-    return np.rint(weights.astype(np.float64) * _STEPS_PER_UNIT).astype(np.int64)
-
-
-def common_exponent(weights: Ints) -> int:
-    """Return the largest e so that all of some whole numbers are multiples of 2^e; 0 if all are 0."""
-    common = int(np.bitwise_or.reduce(weights, axis=None))
-    return max((common & -common).bit_length() - 1, 0)
 
 
 def _layer(k: int, layer: Layer, arithmetic: Arithmetic, n_steps: int | None, arriving: int) -> LayerForm:

@@ -39,6 +39,7 @@ from dse.base.records import (
 from dse.config.space import DecisionGrid
 from dse.engine.neurons import neuron_of
 from dse.engine.neurons.cuba_lif import CubaLif
+from dse.engine.neurons.fixed_point import in_steps, needed_bits, quantise
 from dse.measure import decision
 from dse.measure.confusion import confusion
 from dse.measure.hardware.cost import NotApplicable
@@ -553,9 +554,14 @@ def load_of(
     additions: Floats
     bits = weight_bits
     if isinstance(network, Network):
+        layers = network.layers
+        neurons = [neuron_of(layer.neuron) for layer in layers]
+        pairs = zip(neurons, layers, strict=True)
+        resonators = tuple(neuron.resonators(layer.parameters) for neuron, layer in pairs)
+        steps = (in_steps(quantise(m)) for layer in layers for m in layer.matrices)
         workload = Workload(
             sizes=network.sizes,
-            recurrent=tuple(layer.recurrent is not None for layer in network.layers),
+            recurrent=tuple(layer.recurrent is not None for layer in layers),
             n_steps=n_steps,
             spikes=spikes,
             updates=updates,
@@ -569,14 +575,10 @@ def load_of(
             peak_state=response.peak_state,
             steps_per_sample=network.steps_per_sample,
             n_slots=network.n_slots,
+            resonators=resonators if any(resonators) else None,
+            delayed=tuple(layer.delay is not None for layer in layers) if network.delay_bits else None,
+            needed_bits=tuple(map(needed_bits, steps)) if network.arithmetic == "integer" else None,
         )
-        neurons = [neuron_of(layer.neuron) for layer in network.layers]
-        pairs = zip(neurons, network.layers, strict=True)
-        resonators = tuple(neuron.resonators(layer.parameters) for neuron, layer in pairs)
-        if any(resonators):
-            workload = replace(workload, resonators=resonators)
-        if network.delay_bits:
-            workload = replace(workload, delayed=tuple(x.delay is not None for x in network.layers))
         if all(neuron.on_chips for neuron in neurons):
             return workload
         additions = workload.synaptic_operations

@@ -18,7 +18,7 @@ import numpy as np
 
 from dse.base.records import Array, Ints
 from dse.deploy.c.text import filled, wrapped
-from dse.deploy.form import common_exponent
+from dse.engine.neurons.fixed_point import common_exponent, needed_bits
 
 _OTHERS = {"double": "float64", "float": "float32", "dse_level_t": "int32"}
 
@@ -267,9 +267,7 @@ def stored(weights: Ints, delays: Array | None = None, fixed: bool = False) -> M
     """
     whole = np.asarray(weights, np.int64)
     exponent = 0 if fixed else common_exponent(whole)
-    q = whole >> exponent
-    low, high = int(q.min(initial=0)), int(q.max(initial=0))
-    bits = next(b for b in range(2, 9) if -(2 ** (b - 1)) <= low and high < 2 ** (b - 1))
+    bits = max(2, needed_bits(whole))
     # Unpacking takes time, and more than 4 bits save little: the form follows from precision and pruning.
     forms: tuple[Form, ...] = ("bytes", "words", "sparse") if bits <= _MOST_PACKED else ("bytes", "sparse")
     later = None

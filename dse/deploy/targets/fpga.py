@@ -56,13 +56,18 @@ class Fpga(BackEnd[Circuit]):
             raise Unsupported(f"it takes {misfit}")
         return form
 
+    def cell_work(self, form: Circuit) -> dict[str, float]:
+        """Return what the cells of a circuit are for, by figure of the chip."""
+        share_bits = 0 if form.form.rule.least_total is None else form.share_bits
+        work = self.board.chip.cell_work(form.stored, form.memories, share_bits, form.slot_bits)
+        return work | {"level_cells": form.level_bits}
+
     def footprint(self, bundle: Bundle) -> dict[str, float]:
         """Return its cells, blocks of memory, and the most cycles of a step: everything spikes."""
         form, chip = self.form(bundle), self.board.chip
-        n_cells = chip.n_cells(form.stored, form.share_bits, form.slot_bits)
         return {
-            "cells": float(round(n_cells + form.level_bits * chip.level_cells.value)),
-            "memory_blocks": float(sum(chip.n_blocks(*shape) for shape in form.memories.values())),
+            "cells": float(round(chip.n_cells(self.cell_work(form)))),
+            "memory_blocks": float(sum(chip.n_blocks(form.memories).values())),
             "most_cycles_per_step": float(form.most_cycles),
         }
 

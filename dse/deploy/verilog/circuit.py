@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from dse.base.records import Array, Ints
-from dse.deploy.form import LayerForm, SendOnDeltaForm, Spiking, Unsupported, common_exponent
+from dse.deploy.form import LayerForm, SendOnDeltaForm, Spiking, Unsupported
 from dse.engine.neurons import cuba_lif
-from dse.engine.neurons.fixed_point import DECAY_SCALE
+from dse.engine.neurons.fixed_point import DECAY_SCALE, common_exponent, needed_bits
 from dse.measure.hardware.kinds.gate_array import LIST_CYCLES, WORD_CHANNELS, Memories, Stored
 
 BLOCKS = ("arrivals.v", "core.v", "decision.v", "encoder.v", "inputs.v", "neurons.v", "top.v", "uart.v")
@@ -133,7 +133,7 @@ def of_form(form: Spiking) -> Circuit:
     longest = max(1, 0 if of_first is None else int(of_first.max()), *(1 + int(x.max()) for x in of_others))
     bounds = [b for x in form.layers if (b := x.bounds) is not None]
     weights = rows >> factor
-    weight_bits, is_used = 1 + bits(max(int(weights.max()), ~int(weights.min()))), weights != 0
+    weight_bits, is_used = needed_bits(weights), weights != 0
     is_used[0] |= not is_used.any()  # a memory has a word
     delays = np.where(is_used, delays, 0)
     delay_bits = bits(int(delays.max(initial=0)))

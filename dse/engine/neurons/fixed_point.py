@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from dse.base.records import Array, Bools, Floats
+from dse.base.records import Array, Bools, Floats, Ints
 
 STATE_SCALE = 4096
 """Units of an integer state per weight unit."""
@@ -27,6 +27,23 @@ def quantise(weight: Array) -> Floats:
     grid = np.float32(2 / WEIGHT_SCALE)
     rounded = np.round(np.asarray(weight, np.float32) / grid) * grid
     return np.clip(rounded, LOWEST_WEIGHT, HIGHEST_WEIGHT).astype(np.float32)
+
+
+def in_steps(weight: Array) -> Ints:
+    """Return weights of 8 bits in steps of their grid, int64."""
+    return np.rint(np.asarray(weight, np.float64) * (WEIGHT_SCALE // 2)).astype(np.int64)
+
+
+def common_exponent(weights: Ints) -> int:
+    """Return the largest e so that all of some whole numbers are multiples of 2^e; 0 if all are 0."""
+    common = int(np.bitwise_or.reduce(weights, axis=None))
+    return max((common & -common).bit_length() - 1, 0)
+
+
+def needed_bits(weights: Ints) -> int:
+    """Return the bits of the widest of some whole numbers in two's complement, less common factors of 2."""
+    q = weights >> common_exponent(weights)
+    return 1 + max(int(q.max(initial=0)), ~int(q.min(initial=0))).bit_length()
 
 
 def quantise_passes(weight: Array) -> Bools:

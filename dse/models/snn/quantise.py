@@ -61,7 +61,7 @@ def rounded(network: Network, weight_bits: int, pruned: float) -> Network:
     if not 0 <= pruned < 1:
         raise ValueError(f"pruned must be in [0, 1), got {pruned}")
     for number, layer in enumerate(network.layers, 1):
-        for wrong in (w[~np.isfinite(w)] for w in _matrices(layer)):
+        for wrong in (w[~np.isfinite(w)] for w in layer.matrices):
             if wrong.size:
                 raise ValueError(f"weights of layer {number} must be finite numbers, got {wrong[0]}")
     if weight_bits == BITS and pruned == 0:
@@ -179,12 +179,8 @@ def exponent(matrices: Sequence[Array], weight_bits: int) -> int:
     return int(np.argmin(errors))
 
 
-def _matrices(layer: Layer) -> list[Array]:
-    return [layer.weight, *([] if layer.recurrent is None else [layer.recurrent])]
-
-
 def _rounded_layer(layer: Layer, weight_bits: int, pruned: float) -> Layer:
-    kept = [np.where(largest(w, pruned), w, np.float32(0)) for w in _matrices(layer)]
+    kept = [np.where(largest(w, pruned), w, np.float32(0)) for w in layer.matrices]
     shared = exponent(kept, weight_bits)
     weight, *recurrent = (stored(w, weight_bits, shared) for w in kept)
     return dataclasses.replace(layer, weight=weight, recurrent=recurrent[0] if recurrent else None)

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from benchmarks.instructions import made_network, work_of
 from dse.deploy.c.arrays import Member, Table, laid_out, members_of, stored, struct_bytes
 from dse.deploy.c.plan import plan_of
 from dse.deploy.c.text import filled
@@ -55,6 +56,16 @@ def test_a_shared_exponent_saves_bits():
     matrix = stored(np.array([[-128, 64], [0, -64]] * 20))
     assert (matrix.exponent, matrix.bits) == (6, 2)
     assert np.array_equal(read_back(matrix), matrix.weights)
+
+
+# Of the last two, forward weights need more than 4 bits and recurrent ones do not.
+@pytest.mark.parametrize("seed", [14, 87, 126])
+def test_prices_know_the_form_of_every_matrix(seed):
+    made, engine, bits = made_network(seed)
+    forms = {m.form for x in plan_of(made).layers for m in (x.forward, x.back) if m is not None}
+    work = work_of(made, engine, bits)
+    kinds = {"bytes": "synapse_cycles", "words": "packed_cycles", "sparse": "list_cycles"}
+    assert {form for form, kind in kinds.items() if work[kind]} == forms
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (5, 1), (3, 300)])

@@ -183,6 +183,16 @@ def test_recurrent_spikes_reach_two_layers():
     assert back.energy_uj.value - forward.energy_uj.value == pytest.approx(more * M4.cycle_nj.value * 1e-3)
 
 
+def test_each_matrix_is_packed_where_it_needs_few_bits():
+    back = network((24, 50, 7), [46, 100, 10], recurrent=(True, False))
+    # Recurrent weights that need 4 bits, beside forward ones of 8; rows of packed weights have a loop.
+    few = cost(M4, dataclasses.replace(back, needed_bits=(8, 4, 3)))
+    more = cycles_of(M4, packed=100 * 57, row=100) - cycles_of(M4, synapse=100 * 57)
+    saved = few.energy_uj.value - cost(M4, back).energy_uj.value
+    assert saved == pytest.approx(more * M4.cycle_nj.value * 1e-3)
+    assert cost(M4, dataclasses.replace(back, needed_bits=(8, 5, 6))).energy_uj == cost(M4, back).energy_uj
+
+
 def test_weights_that_are_zero_are_skipped_where_lists_are_smaller():
     sizes, spikes = (24, 50, 7), [46, 100, 10]
     few = network(sizes, spikes, synapses=(10.0, 1.5, 0.0), stored=(240, 75))

@@ -13,9 +13,11 @@ n_1 and f_l are means over these, and a spike takes 3 cycles more, but where its
 takes longer than its period is slow, no misfit.
 
 Cells of a circuit hardly depend on the network: cell costs are fitted to placed circuits (benchmarks.cells).
-Blocks of memory follow from words and their bits. Before training some bits are taken as they mostly are:
-states have 26; weights of fewer than 8 bits have 2 more, as scales of layers differ; a sum of f weights has 3
-fewer than f of the largest; delays fill their bits. The target counts those of the trained network. Two
+Blocks of memory follow from words and their bits, as yosys divides them: a part is as many words as a block
+has rows, its bits lie in any columns of any blocks, those that a write sets together side by side, and cells
+choose the part that is read. Before training some bits are taken as they mostly are: states have 26; weights
+of fewer than 8 bits have 2 more, as scales of layers differ; a sum of f weights has 3 fewer than f of the
+largest; delays fill their bits; decisions are early. The target counts those of the trained network. Two
 multipliers are all that any circuit takes.
 
 Energy: leakage and the clock flow at any time, as nothing stops the clock between steps; what is dynamic is
@@ -36,7 +38,7 @@ import numpy as np
 from dse.base.records import Floats, Workload
 from dse.base.registry import register
 from dse.measure.hardware.plan import Misfit, Placement, Plan, of_cycles, per_count
-from dse.measure.hardware.profile import Figures, Number, Profile, count, figure
+from dse.measure.hardware.profile import Figures, Number, Profile, count, figure, optional
 
 _NEURON_CYCLES, _ROW_CYCLES = 5, 3
 LIST_CYCLES = 3
@@ -55,6 +57,7 @@ _FEWER = {
     "counts": "fewer outputs: {} are for counts",
     "lists": "fewer channels, copies of them or neurons: {} are for where the weights of each begin",
 }
+_WRITTEN = ("sums", "states", "inputs", "counts", "levels")
 
 Memories = Mapping[str, tuple[int, int]]
 """Words and bits of a word, by what a memory holds."""
@@ -112,11 +115,11 @@ class GateArray(Profile):
     memory_blocks: Number = count("blocks of memory")
     block_bits: Number = count("bits of a block of memory")
     narrowest_bits: Number = count("bits of the narrowest word of a block that is used")
-    widest_bits: Number = count("bits of its widest word; between them every doubling is one")
+    widest_bits: Number = count("bits of its widest word; halved, rounded down, are the others")
     clock_mhz: Number = figure("MHz", "clock that the board gives", whole=True)
     circuit_cells: Number = figure("1", "cells of any circuit")
     address_cells: Number = figure("1", "more per bit of a place among the weights")
-    share_cells: Number = figure("1", "more per bit of what confidence compares")
+    share_cells: Number = figure("1", "more per bit of what early decisions compare")
     slot_cells: Number = figure("1", "more per bit of the number of a step whose sums are held")
     list_cells: Number = figure("1", "more where weights are lists of those that are not 0")
     level_cells: Number = figure("1", "more per bit of a level, where samples are encoded")
@@ -126,11 +129,20 @@ class GateArray(Profile):
     cell_clock_pj: Number = figure("pJ", "energy of the clock per cycle and cell, at any time")
     clock_pj: Number = figure("pJ", "energy of the clock per cycle, at any time")
     leakage_mw: Number = figure("mW", "power of the chip without a clock")
+    written_bits: Number | None = count(
+        "bits of a word that are written together (default: 1)", optional=True
+    )
+    choice_bits: Number | None = count(
+        "bits to choose among that cost tools as much as a block", optional=True
+    )
+    choice_cells: Number | None = optional("more cells per bit of a memory's parts but the first")
 
     def plan_network(self, load: Workload, figures: Figures) -> Plan:
         """Return the plan of a spiking network (`Profile.plan`)."""
-        work = _stored(load), _SHARE_BITS, _slot_bits(load)
-        cells, mhz = _cells(figures, *work), self.clock_mhz.value
+        memories = _memories(load)
+        work = self.cell_work(_stored(load), memories, _SHARE_BITS, _slot_bits(load))
+        cells = np.asarray(sum(figures[name] * n for name, n in work.items() if name in figures))
+        mhz = self.clock_mhz.value
         static_mw = figures["leakage_mw"] + mhz * 1e-3 * (
             figures["clock_pj"] + cells * figures["cell_clock_pj"]
         )
@@ -140,7 +152,7 @@ class GateArray(Profile):
             mhz,
             static_mw=static_mw,
             idle_mw=static_mw,
-            placement=self._placement(load, round(self.n_cells(*work))),
+            placement=self._placement(memories, round(self.n_cells(work))),
         )
 
     @property
@@ -148,31 +160,60 @@ class GateArray(Profile):
         """Cycles of a time of computing, such as `Cost.hardware_latency_ms`."""
         return self.clock_mhz.value * 1e3
 
-    def n_cells(self, stored: Stored, share_bits: int, slot_bits: int) -> float:
-        """Return the cells of a circuit.
+    def cell_work(
+        self, stored: Stored, memories: Memories, share_bits: int, slot_bits: int
+    ) -> dict[str, float]:
+        """Return what the cells of a circuit are for, by its figure.
 
         Args:
             stored: how it holds its weights.
-            share_bits: of the products that confidence compares.
+            memories: all of them.
+            share_bits: of the products that early decisions compare; 0: there are none.
             slot_bits: of the number of a step whose sums are held.
         """
-        return float(_cells(self.ends, stored, share_bits, slot_bits)[0])
+        return {
+            "circuit_cells": 1.0,
+            "address_cells": stored.address_bits,
+            "share_cells": share_bits,
+            "slot_cells": slot_bits,
+            "choice_cells": sum(others for _, others in self._divided(memories).values()),
+            "list_cells": stored.is_sparse,
+        }
 
-    def n_blocks(self, words: int, n_bits: int) -> int:
-        """Return the blocks that words of some bits take; the last words may lie in another shape."""
+    def n_cells(self, work: Mapping[str, float]) -> float:
+        """Return the cells of what `cell_work` says."""
+        figures = self.at("value")
+        return sum(figures[name] * n for name, n in work.items() if name in figures)
+
+    def n_blocks(self, memories: Memories) -> dict[str, int]:
+        """Return the blocks that each memory takes."""
+        return {name: n for name, (n, _) in self._divided(memories).items()}
+
+    def _divided(self, memories: Memories) -> dict[str, tuple[int, int]]:
+        return {name: self.divided(*shape, name in _WRITTEN) for name, shape in memories.items()}
+
+    def divided(self, words: int, n_bits: int, is_written: bool = False) -> tuple[int, int]:
+        """Return the blocks of words of some bits, and the bits of all parts but one.
+
+        Of the widths of a block tools take that of the lowest price.
+        """
         if not words or not n_bits:
-            return 0
-        best, width = math.inf, int(self.narrowest_bits.value)
-        while width <= self.widest_bits.value:
-            columns, depth = -(-n_bits // width), int(self.block_bits.value) // width
-            rest = columns if words < depth else self.n_blocks(words % depth, n_bits)
-            best = min(best, columns * (words // depth) + rest)
-            width *= 2
-        return int(best)
+            return 0, 0
+        written = int(self.written_bits.value) if is_written and self.written_bits else 1
+        price = int(self.choice_bits.value) if self.choice_bits else math.inf  # blocks alone count
+        options, width = [], int(self.widest_bits.value)
+        while width >= self.narrowest_bits.value:
+            rows = 1 << ((int(self.block_bits.value) // width).bit_length() - 1)
+            unit = min(width, written)
+            parts, columns = -(-words // rows), -(-n_bits // unit) * unit
+            n, others = -(-parts * columns // width), (parts - 1) * n_bits
+            options.append((n * price + others, n, others))
+            width //= 2
+        return min(options)[1:]
 
     def misfit(self, memories: Memories) -> Misfit | None:
         """Return why the chip cannot hold some memories, and what of them would fit; None if it can."""
-        taken = {name: self.n_blocks(*shape) for name, shape in memories.items()}
+        taken = self.n_blocks(memories)
         total, most = sum(taken.values()), int(self.memory_blocks.value)
         if total <= most:
             return None
@@ -183,28 +224,17 @@ class GateArray(Profile):
             change = _FEWER[largest].format(taken[largest])
         else:
             n_weights, n_bits = memories["weights"]
-            fits = (n for n in range(0, n_weights, _ROUGHLY) if self.n_blocks(n, n_bits) <= left)
+            fits = (n for n in range(0, n_weights, _ROUGHLY) if self.divided(n, n_bits)[0] <= left)
             n = max(fits, default=0)
             change = f"{n} weights of {n_bits} bits, what belongs to each included, instead of {n_weights}"
         return Misfit("memory_blocks", f"{total} blocks of memory, {most} at most", change)
 
-    def _placement(self, load: Workload, n_cells: int) -> Placement:
-        misfit = self.misfit(_memories(load))
-        misfits = [*self.exceeded([("cells", n_cells, "logic cells")]), *([misfit] if misfit else [])]
-        blocks = sum(self.n_blocks(*shape) for shape in _memories(load).values())
+    def _placement(self, memories: Memories, n_cells: int) -> Placement:
+        misfit = self.misfit(memories)  # alone, as the cells to choose among so many blocks are none
+        misfits = [misfit] if misfit else self.exceeded([("cells", n_cells, "logic cells")])
+        blocks = sum(self.n_blocks(memories).values())
         assumption = f"{n_cells} cells, {blocks} blocks of memory and two multipliers"
         return Placement((1,), tuple(misfits), assumptions=(assumption,))
-
-
-def _cells(figures: Figures, stored: Stored, share_bits: int, slot_bits: int) -> Floats:
-    """Return the cells of a circuit, (D...)."""
-    return np.asarray(
-        figures["circuit_cells"]
-        + stored.address_bits * figures["address_cells"]
-        + share_bits * figures["share_cells"]
-        + slot_bits * figures["slot_cells"]
-        + stored.is_sparse * figures["list_cells"]
-    )
 
 
 def _slot_bits(load: Workload) -> int:

@@ -23,9 +23,9 @@ CUBA-LIF neurons that they are counted as: networks of them take 6 to 14 % more 
 
 A spike walks the weights of its targets and adds them up, one by one. A layer at rest is passed over; of any
 other, every neuron is looked at in every step, and those that are not at rest are updated. Of every set of
-weights, forward or recurrent, the form is the smallest: bytes, words of packed weights where these have at
-most 4 bits, or lists of the weights that are left, each with the number of its column. Forms follow from
-layers as a whole: pruning leaves the same share of forward and recurrent weights.
+weights, forward or recurrent, the form is the smallest: bytes, words of packed weights where these need at
+most 4 bits, before training those of all weights, or lists of the weights that are left, each with the number
+of its column. Pruning leaves the same share of a layer's forward and recurrent weights.
 
 wait_factor is 1 by the tables. Low: every load is hidden, and branches refill the pipeline in one cycle.
 High: three cycles per branch, and flash that makes weights wait where caches miss.
@@ -335,12 +335,13 @@ def _rows(load: Workload) -> list[_Rows]:
     dense = load.dense
     stored = load.stored or dense
     is_delayed = _delayed(load)
+    bits = iter(load.needed_bits or (load.weight_bits,) * 2 * len(dense))
     rows = []
     for k, (before, n) in enumerate(pairwise(load.sizes)):
         share = stored[k] / dense[k]
         for source, n_inputs in [(k, before), *([(k + 1, n)] if load.recurrent[k] else [])]:
             is_later = is_delayed[k] and source == k
-            form = _form(n_inputs, n, share, load.weight_bits, load.delay_bits if is_later else 0)
+            form = _form(n_inputs, n, share, next(bits), load.delay_bits if is_later else 0)
             left = share if load.synapses is None else load.synapses[source] / max(load.fan_out[source], 1)
             rows.append(
                 _Rows(
