@@ -20,7 +20,7 @@ BLANKS = r"\s+"
 _SEPARATORS = (",", ";", "\t")
 _HEAD_BYTES = 1 << 16
 _HEAD_LINES = 40
-_MANY = 8  # numbers that rise are names, as times are; so many rise by chance in no sample
+_MANY, _EVEN = 8, 0.1  # so many numbers that rise evenly are times; a share of a rise
 _POINT = re.compile(rb"(?<![\d.])\d+\.\d+(?![\d.])")  # of a number, not of a date
 
 Fields = Sequence["float | str"]
@@ -71,7 +71,7 @@ def _are_numbers(fields: Sequence[str]) -> bool:
 
 def _value(field: str) -> float | str:
     try:
-        return float(field)
+        return field if "_" in field else float(field)
     except ValueError:
         return field
 
@@ -79,7 +79,8 @@ def _value(field: str) -> float | str:
 def _are_names(rows: Sequence[Fields]) -> bool:
     """Return whether the first line names columns.
 
-    It does where a text is in no other line, as labels would be, and where numbers count columns or rise.
+    It does where a text is in no other line, as labels would be, and where numbers count columns, rise evenly
+    as times do, or are whole and rise while others have fractions.
     """
     first, *others = rows
     numbers = [x for x in first if not isinstance(x, str)]
@@ -88,7 +89,11 @@ def _are_names(rows: Sequence[Fields]) -> bool:
     if len(first) == 1:
         return numbers == [0.0]  # as pandas names a column
     is_count = any(numbers == [start + k for k in range(len(numbers))] for start in (0, 1))
-    return is_count or (len(numbers) >= _MANY and all(a < b for a, b in itertools.pairwise(numbers)))
+    has_fractions = any(not isinstance(x, str) and x % 1 for row in others for x in row)
+    are_alike = any(x % 1 for x in numbers) or not has_fractions  # as values of one recording would be
+    rises = [b - a for a, b in itertools.pairwise(numbers)] or [0.0]
+    are_times = len(numbers) >= _MANY and max(rises) - min(rises) <= _EVEN * min(rises)
+    return is_count or (min(rises) > 0 and (are_times or not are_alike))
 
 
 def _numbered(rows: Sequence[Fields]) -> list[str]:
