@@ -109,7 +109,7 @@ def test_every_layout_gives_a_space_that_runs(tmp_path, monkeypatch, capsys):
     ("name", "arguments", "message"),
     [
         ("absent.csv", [], "absent.csv: no such file or folder"),
-        ("notes.txt", [], "notes.txt: must be a table"),
+        ("notes.doc", [], "notes.doc: must be a table"),
         ("touch.csv", ["--label", "velvet"], "--label velvet: must be a label column of touch.csv; there"),
         ("touch.csv", ["--label", "fabric", "--group", "x"], "--group x: must be a label column"),
         ("touch.csv", ["--recording", "touch"], "touch.csv: no column 'touch'; there are trial, time_s"),
@@ -125,7 +125,7 @@ def test_every_layout_gives_a_space_that_runs(tmp_path, monkeypatch, capsys):
 def test_what_cannot_be_guessed_is_one_clear_line(name, arguments, message, folder, monkeypatch, capsys):
     monkeypatch.chdir(folder)
     tidy = recordings()
-    Path("notes.txt").write_text("notes")
+    Path("notes.doc").write_text("notes")
     Path("taken.yaml").write_text("mine")
     tidy[tidy.trial == 0].drop(columns="trial").to_csv("one.csv", index=False)
     tidy[["trial", "time_s", "left"]].to_csv("bare.csv", index=False)
