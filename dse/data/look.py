@@ -20,7 +20,7 @@ from dse.data.recordings.arrays import first_text, place, read_table
 from dse.data.recordings.csv_head import LABEL, head_of
 from dse.data.recordings.doubts import CLEARLY, SOME, smoothness
 from dse.data.recordings.event_files import EventFiles, folder_columns
-from dse.data.recordings.files import TABLES, files_below, tables_below
+from dse.data.recordings.files import TABLES, TEXTS, files_below, tables_below
 from dse.data.recordings.formats.arrays import USUAL
 from dse.data.recordings.source import as_labels
 from dse.data.recordings.table import UNITS_MS, is_even, numbered
@@ -170,7 +170,7 @@ class _Looking:
         if table.empty:
             raise self._refuse("the table has no rows")
         one = self.path / tables_below(self.path)[0] if self.path.is_dir() else self.path
-        if one.suffix.lower() != ".parquet" and (unnamed := head_of(one).names) is not None:
+        if one.suffix.lower() in TEXTS and (unnamed := head_of(one).names) is not None:
             label = f", '{LABEL}' is the {'first' if unnamed[0] == LABEL else 'last'}" * (LABEL in unnamed)
             self.assumed.append(f"the first line names no columns: they are numbered from 0{label}")
         names, dates = list(table.columns), []
