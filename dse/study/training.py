@@ -15,7 +15,7 @@ from pathlib import Path
 
 from dse import store
 from dse.base.records import Dataset
-from dse.config.contracts import has_rungs
+from dse.config.contracts import has_rungs, trains_in_cohorts
 from dse.data import dataset
 from dse.data.recordings import RecordingError
 from dse.measure.objectives import need_no_decisions
@@ -222,8 +222,10 @@ class Training:
         if left_s is not None:
             longest_s, checkpoint_s = min(longest_s, _PART * left_s), min(checkpoint_s, _CHECKPOINT_S)
         plan = cohorts.plan(demands, budget, workers.n, longest_s)
-        if left_s is not None:  # what is cheap first: rivals of every kind are soon in the tables
+        if left_s is not None:  # what is cheap first
             plan.reverse()
+        else:  # the longest first, but for what trains alone: plain classifiers are soon in the tables
+            plan.sort(key=lambda members: trains_in_cohorts(fitting[members[0]].sections.model))
         ranked_by = [name for name, _ in self._space.objectives]
         return [
             jobs.TrainingJob(

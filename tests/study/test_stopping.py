@@ -2,6 +2,7 @@
 
 import pytest
 
+from dse.models.snn.family import SNN
 from dse.study import explore
 from dse.study.training import Training
 from dse.study.workers import Workers
@@ -39,3 +40,18 @@ def test_time_ends_a_search_which_goes_on(search, monkeypatch):
     whole = search("timed", search=settings)
     assert not [text for text in whole.warnings if text.startswith("the search stopped")]
     assert rows(whole) == rows(search("alone", search={"sampler": "grid"}))
+
+
+def test_what_trains_alone_is_in_the_tables_before_networks(tmp_path, monkeypatch):
+    monkeypatch.setenv("DSE_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setattr(SNN, "cost", lambda *_: 100.0)
+    network = {"kind": "snn", "hidden": {"choice": [4, 8]}}
+    space = make_space(
+        tmp_path,
+        model={"choice": [network, {"kind": "linear", "window_ms": 20}]},
+        execution={"jobs": 1},
+        search={"sampler": "grid"},
+    )
+    order = []
+    explore.run(space, tmp_path / "results", progress=False, on_trial=lambda row: order.append(row["family"]))
+    assert order == ["linear", "snn", "snn"]
