@@ -35,7 +35,7 @@ def main() -> None:
         first = dse.open(folder / "results" / space.stem)
         longer = dse.run(wider(space, len(first.trials)), folder / "results", jobs=1, progress=False)
         rows += [(space.stem, *row) for row in compared(first, longer)]
-        print(pandas.DataFrame(rows, columns=COLUMNS).to_markdown(index=False), flush=True)
+        print(pandas.DataFrame(rows, columns=COLUMNS).to_string(index=False), flush=True)
 
 
 COLUMNS = [

@@ -332,7 +332,7 @@ def _rivals(n_steps: int, step_ms: float, of_signals: bool) -> list[dict[str, An
     return [
         {"kind": "linear", "window_ms": window_ms(8), "reads": {"choice": ["counts", "levels"]}}
         if of_signals
-        else {"kind": "linear", "window_ms": window_ms(4)},
+        else {"kind": "linear", "window_ms": {"choice": [window_ms(4), window_ms(8)]}},
         mlp | ({"reads": "levels"} if of_signals else {}),
         {
             "kind": "kernels",
