@@ -458,6 +458,11 @@ class _Looking:
             self.assumed.append(f"'{signal}' is ({sizes})")
         else:
             raise self._refuse(f"'{signal}' must have 2 to 4 axes, got shape {shape}; --signal NAME")
+        known = {name: of for name, of in arrays.described(path).items() if name != signal}
+        used = (signal, *arrays.halves(known).get(signal, ()))
+        alike = [x for x, of in shapes.items() if len(of) == len(shape) > 2 and x not in used]
+        if alike:
+            self.assumed.append(f"not read: {_some(alike)}, with as many axes; --signal NAME names another")
         matrices = () if labels else (x for x, of in shapes.items() if len(of) == 2 and of[0] == n != 0)
         names |= {x: n for x in matrices if x != signal and as_labels(arrays.load(path, [x])[x]).ndim == 1}
         candidates = [name for name, length in names.items() if length == n]

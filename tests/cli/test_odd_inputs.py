@@ -222,6 +222,15 @@ def test_a_published_test_set_in_arrays_or_folders_of_its_own_stays_one():
         assert sorted(signals.values[:, 0]) == pytest.approx(sorted(x[:, :, 0].ravel()), abs=1e-5)
 
 
+def test_an_array_that_is_not_read_is_named(capsys):
+    rng = np.random.default_rng(7)
+    x, y = rng.normal(size=(60, 40, 3)).cumsum(axis=1), np.arange(60) % 3
+    np.savez("touch.npz", X_train=x[:40], X_test=x[40:, :30], y_train=y[:40], y_test=y[40:])
+    assert "not read: X_test" in notes(capsys, "init", "touch.npz", "--step-ms", "4")
+    np.savez("touch.npz", X_train=x[:40], X_test=x[40:], y_train=y[:40], y_test=y[40:])
+    assert "not read" not in notes(capsys, "init", "touch.npz", "--step-ms", "4", "--force")
+
+
 def test_the_longer_axis_has_the_steps_where_the_signal_does_not_tell():
     rng = np.random.default_rng(4)
     signal = rng.normal(size=(30, 40, 12)) + 5 * rng.normal(size=(30, 40, 1))  # what all channels share

@@ -79,7 +79,7 @@ def described(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
 
 def halves(known: Described) -> dict[str, tuple[str, str]]:
     """Return name -> the arrays of a training and of a test set that together are an array of this name."""
-    found = {}
+    pairs = {}
     for name, (shape, _) in known.items():
         match = re.fullmatch(r"(?:(.+)_)?(train(?:ing)?)(?:_(.+))?", name, re.IGNORECASE)
         if match is None or bool(match[1]) == bool(match[3]):
@@ -88,8 +88,8 @@ def halves(known: Described) -> dict[str, tuple[str, str]]:
         test = tests.get(name.lower().replace(match[2].lower(), match[2].lower().replace("train", "test")))
         joined = match[1] or match[3]
         if test is not None and joined not in known and shape and known[test][0][1:] == shape[1:]:
-            found[joined] = (name, test)
-    return found
+            pairs[joined] = (name, test)
+    return pairs
 
 
 def _described(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
@@ -144,10 +144,10 @@ def _joined(path: Path, names: Sequence[str]) -> dict[str, Array]:
         if name not in pairs:
             raise RecordingError(missing(path, name, headers(path)))
     parts = load(path, [x for name in names for x in pairs[name]])
-    found = {name: [parts[x] for x in pairs[name]] for name in names}
+    joined = {name: [parts[x] for x in pairs[name]] for name in names}
     return {
         name: np.repeat(["train", "test"], [*map(len, of)]) if name == SPLIT else np.concatenate(of)
-        for name, of in found.items()
+        for name, of in joined.items()
     }
 
 

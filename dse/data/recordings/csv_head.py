@@ -24,6 +24,7 @@ _MANY, _EVEN = 8, 0.1  # so many numbers that rise evenly are times; a share of 
 _POINT = re.compile(rb"(?<![\d.])\d+\.\d+(?![\d.])")  # of a number, not of a date
 
 Fields = Sequence["float | str"]
+"""A line: its numbers, and texts for what is none."""
 
 
 class Head(NamedTuple):
@@ -46,7 +47,7 @@ def head_of(path: Path) -> Head:
     """
     with path.open("rb") as file:
         first, head = file.readline(), file.read(_HEAD_BYTES)
-    line, (usual, *others) = first.decode("utf-8", "replace"), _SEPARATORS
+    line, (usual, *others) = first.decode("utf-8-sig", "replace"), _SEPARATORS  # Excel begins with a mark
     others += [] if any(x in line for x in _SEPARATORS) else [BLANKS]
     of_numbers = (x for x in others if _are_numbers(_fields(line.replace(usual, "."), x)))
     separator = next(of_numbers, max(_SEPARATORS, key=line.count))

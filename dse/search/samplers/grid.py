@@ -62,8 +62,8 @@ class _GridSampler(Limited):
         while len(designs) < n and self._next < self._total:
             if self._next not in self._proposed:
                 self._proposed.add(self._next)
-                found = design_at(self._space, self._next)
-                design = {name: found[name] for name in self._names if name in found}
+                of_place = design_at(self._space, self._next)
+                design = {name: of_place[name] for name in self._names if name in of_place}
                 if not self._refuses(design):
                     designs.append(design)
             self._next += 1

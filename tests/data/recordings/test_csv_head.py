@@ -26,6 +26,7 @@ NAMED = None
         ("label\nsilk\nwool\nsilk\n", NAMED),
         ("0\n1.5\n2.5\n", NAMED),
         ("x,y\nx,y\n", NAMED),  # twice, as where files were put together
+        ("\ufeff0.5,-1.25\n0.25,1.5\n", ["0", "1"]),  # as Excel writes UTF-8
         (WAVES, ["0", "1", "2", "3", "4"]),
         ("2,0.5,-1.25\n1,0.25,1\n2,1.5,3\n", ["label", "1", "2"]),
         ("0.5,-1.25,2\n0.25,1,1\n1.5,3,2\n", ["0", "1", "label"]),
@@ -41,7 +42,7 @@ NAMED = None
 )
 def test_a_first_line_is_of_names_or_of_values(tmp_path, text, names):
     path = tmp_path / "x.csv"
-    path.write_text(text)
+    path.write_text(text, encoding="utf-8")
     assert head_of(path).names == names
     n_lines = len(text.strip().splitlines())
     table = arrays.read_table(path, None)
