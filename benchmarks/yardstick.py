@@ -28,6 +28,7 @@ import numpy as np
 
 import dse
 from benchmarks.made_recordings import MADE, made
+from dse.data.recordings import ts_file
 
 SETS = {"BasicMotions": "", "GunPoint": "", "JapaneseVowels": "_eq"}
 """Of aeon's wheel: names, and the ending of the files in which recordings have one length."""
@@ -103,16 +104,9 @@ def published(name: str) -> Arrays:
     if found is None or found.origin is None:
         raise SystemExit(f"{name} is in the wheel of aeon: pip install --no-deps aeon==1.6.0")
     folder = Path(found.origin).parent / "datasets" / "data" / name
-    signals, labels, parts = [], [], []
-    for part in ("TRAIN", "TEST"):
-        text = (folder / f"{name}{SETS[name]}_{part}.ts").read_text(encoding="utf-8")
-        for line in text.partition("@data")[2].splitlines():
-            if line.strip():
-                *channels, label = line.strip().split(":")
-                signals.append(np.array([[float(x) for x in each.split(",")] for each in channels]).T)
-                labels.append(label)
-                parts.append(part.lower())
-    return _arrays(np.stack(signals), np.array(labels), np.array(parts) == "train", 10.0)
+    parts = [ts_file.read(folder / f"{name}{SETS[name]}_{part}.ts") for part in ("TRAIN", "TEST")]
+    signal, label = (np.concatenate([part[x] for part in parts]) for x in (ts_file.SIGNAL, ts_file.LABEL))
+    return _arrays(signal, label, np.arange(len(label)) < len(parts[0][ts_file.LABEL]), 10.0)
 
 
 def _arrays(signal: np.ndarray, label: np.ndarray, is_train: np.ndarray, step_ms: float) -> Arrays:

@@ -124,8 +124,8 @@ def look(path: Path, options: Options) -> Look:
         raise RecordingError(f"{path.name}: spreadsheets are not read; save the sheet as CSV")
     else:
         raise RecordingError(
-            f"{path.name}: must be a table (.csv, .tsv, .txt, .parquet), arrays (.npz, .npy, .mat, .h5), or "
-            "a folder of tables or event files"
+            f"{path.name}: must be a table (.csv, .tsv, .txt, .parquet), arrays (.npz, .npy, .mat, .h5, "
+            ".ts), or a folder of tables or event files"
         )
     if options.step_ms is not None and "step_ms" not in guess.data:
         raise RecordingError(f"{path.name}: --step-ms is for sampled signals and spikes, not for events")
@@ -399,6 +399,7 @@ class _Looking:
             else:
                 self.refused[name] = f"has {k} value{'s' * (k > 1)} in {n} recordings"
         short = {name: name.rpartition("/")[2] for name in kept}  # of arrays in a group of HDF5
+        short |= {arrays.ONE: "label"} if arrays.ONE in kept else {}  # that of an .npy file has no name
         if len(set(short.values())) < len(short):
             short = {name: name for name in kept}
         return {short[name]: name for name in kept}, {short[name]: k for name, k in kept.items()}

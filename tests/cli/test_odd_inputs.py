@@ -222,6 +222,13 @@ def test_a_published_test_set_in_arrays_or_folders_of_its_own_stays_one():
         assert sorted(signals.values[:, 0]) == pytest.approx(sorted(x[:, :, 0].ravel()), abs=1e-5)
 
 
+def test_labels_in_a_file_of_one_array_are_called_label():
+    np.save("X.npy", np.random.default_rng(5).normal(size=(30, 50, 3)).cumsum(axis=1))
+    np.save("y.npy", np.arange(30) % 3)
+    space = dse.load_space(dse.init("X.npy", "touch.yaml", step_ms=4))
+    assert space.data.columns == {"label": "array"} and space.data.labels == "y.npy"
+
+
 def test_an_array_that_is_not_read_is_named(capsys):
     rng = np.random.default_rng(7)
     x, y = rng.normal(size=(60, 40, 3)).cumsum(axis=1), np.arange(60) % 3

@@ -55,7 +55,7 @@ def init(
     """Write a first search space for your recordings, and say what it assumes about them.
 
     Args:
-        data: a table (.csv, .tsv, .txt, .parquet), arrays (.npz, .npy, .mat, .h5), or a folder of event
+        data: a table (.csv, .tsv, .txt, .parquet), arrays (.npz, .npy, .mat, .h5, .ts), or a folder of event
             files.
         label (COLUMN): label column to predict (default: guessed).
         labels (FILE): file of the labels: a table or arrays (default: looked for beside DATA).

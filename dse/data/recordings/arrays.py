@@ -1,4 +1,4 @@
-"""Named arrays of a file: of .npz, .npy, .mat and HDF5, and the columns of .csv, .tsv, .txt and .parquet.
+"""Named arrays of a file: of .npz, .npy, .mat, HDF5 and .ts, and columns of .csv, .tsv, .txt and .parquet.
 
 The array of an .npy file is named `array`. One of HDF5 has its path, such as `touch/pressure`. MATLAB
 writes vectors as matrices with one row or column, which are vectors here; a cell of texts is an array of
@@ -16,7 +16,7 @@ import subprocess
 import sys
 import zipfile
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Literal
 
@@ -26,7 +26,7 @@ from numpy.lib import format as npy
 from dse.base.records import Array, Floats
 from dse.config.bounds import MOST_COMPRESSION, UNCOMPRESSED_BYTES
 from dse.config.faults import known_names
-from dse.data.recordings import RecordingError
+from dse.data.recordings import RecordingError, ts_file
 from dse.data.recordings.csv_head import head_of
 from dse.data.recordings.files import TABLES, TEXTS, by_path, part_of, tables_below
 
@@ -37,7 +37,7 @@ ONE = "array"
 """Name of the array of an .npy file."""
 SPLIT = "split"
 """Name of the column that tells the recordings of a published training and test set apart."""
-ARRAYS = (".npz", ".npy", ".mat", ".h5", ".hdf5")
+ARRAYS = (".npz", ".npy", ".mat", ".h5", ".hdf5", ".ts")
 """Endings of files of arrays."""
 
 Shapes = Mapping[str, tuple[int, ...]]
@@ -81,7 +81,7 @@ def halves(known: Described) -> dict[str, tuple[str, str]]:
     """Return name -> the arrays of a training and of a test set that together are an array of this name."""
     pairs = {}
     for name, (shape, _) in known.items():
-        match = re.fullmatch(r"(?:(.+)_)?(train(?:ing)?)(?:_(.+))?", name, re.IGNORECASE)
+        match = re.fullmatch(r"(?:(.+)[_/])?(train(?:ing)?)(?:[_/](.+))?", name, re.IGNORECASE)
         if match is None or bool(match[1]) == bool(match[3]):
             continue
         tests = {x.lower(): x for x in known}
@@ -107,7 +107,7 @@ def _described(path: Path) -> dict[str, tuple[tuple[int, ...], np.dtype[Any]]]:
                     with archive.open(member) as stream:
                         found[member.removesuffix(".npy")] = _read_header(stream)
             return found
-        loaded = _hdf5(path, None, only_shapes=True) if kind == "hdf5" else _matlab(path, None)
+        loaded = _hdf5(path, None, only_shapes=True) if kind == "hdf5" else _READERS[kind](path, None)
     return {name: (_shape_of(array), array.dtype) for name, array in loaded.items()}
 
 
@@ -129,7 +129,7 @@ def load(path: Path, names: Iterable[str] | None = None) -> dict[str, Array]:
             if kind == "npy":
                 values = {ONE: np.load(path, allow_pickle=False)}
             else:
-                values = (_hdf5 if kind == "hdf5" else _matlab)(path, chosen)
+                values = _READERS[kind](path, chosen)
     if chosen is not None and (others := [name for name in chosen if name not in values]):
         values |= _joined(path, others)
     return values if chosen is None else {name: values[name] for name in chosen}
@@ -158,12 +158,12 @@ def missing(path: Path, name: str, known: Iterable[str]) -> str:
 
 
 def _kind(path: Path) -> str:
-    """Return npz, npy, matlab or hdf5, by the ending of a file or, of an .mat file, its first bytes."""
+    """Return npz, npy, ts, matlab or hdf5, by the ending of a file or, of an .mat file, its first bytes."""
     if path.stat().st_size == 0:
         raise RecordingError(f"{path.name}: the file is empty")
     suffix = path.suffix.lower()
     if suffix not in (".mat", ".h5", ".hdf5"):
-        return "npy" if suffix == ".npy" else "npz"
+        return suffix[1:] if suffix in (".npy", ".ts") else "npz"
     with path.open("rb") as file:
         head = file.read(_MATLAB_HEADER + len(_HDF5))
     is_hdf5 = suffix != ".mat" or _HDF5 in (head[: len(_HDF5)], head[_MATLAB_HEADER:])
@@ -366,6 +366,14 @@ def _hdf5(path: Path, names: list[str] | None, only_shapes: bool = False) -> dic
             if names is None or own in names:
                 found[own] = _together([read(group[own]) for group in groups.values()])
     return found
+
+
+_READERS: Mapping[str, Callable[[Path, list[str] | None], dict[str, Array]]] = {
+    "hdf5": _hdf5,
+    "matlab": _matlab,
+    "ts": lambda path, names: ts_file.read(path),
+}
+"""Kind -> reader of a file; more arrays than are named may come."""
 
 
 def _together(values: list[Array]) -> Array:

@@ -204,14 +204,14 @@ class FileSource(ABC):
     """
 
     file: str = fixed(
-        doc="the .npz, .npy, .mat, .h5, .csv or .parquet file: an absolute path, or relative to the YAML "
-        "file or to $DSE_DATA"
+        doc="the .npz, .npy, .mat, .h5, .ts, .csv or .parquet file: an absolute path, or relative to the "
+        "YAML file or to $DSE_DATA"
     )
     _: dataclasses.KW_ONLY
     columns: Mapping[str, str] = columns_key()
     labels: str | None = fixed(
         None,
-        doc="file of the label columns, .csv, .parquet, .npz, .npy, .mat or .h5: one row or element per "
+        doc="file of the label columns, .csv, .parquet, .npz, .npy, .mat, .h5 or .ts: one row or element per "
         "recording, in their order, or by the column data.recording of a table (default: the columns are in "
         "the file of the recordings)",
     )

@@ -22,7 +22,7 @@ FRAMES = ("recording", "step", "row", "column")
 @register("recordings", "time_series")
 @dataclasses.dataclass(frozen=True)
 class TimeSeries(Sampled):
-    """Sampled recordings of an .npz, .npy, .mat or .h5 file.
+    """Sampled recordings of an .npz, .npy, .mat, .h5 or .ts file.
 
     `signal` is (sum of lengths, channel) with `offsets`, recording i being signal[offsets[i]:offsets[i+1]],
     or (recording, sample, channel) without; `axes` names other orders. The array of an .npy file is named

@@ -103,10 +103,13 @@ def test_frames_of_an_array_of_taxels_are_channels_in_the_order_of_the_file(tmp_
 
 
 @pytest.mark.parametrize("suffix", [".npz", ".h5", ".mat"])
-@pytest.mark.parametrize("names", ["X_train X_test y_train y_test", "train_X test_X train_y test_y"])
+@pytest.mark.parametrize(
+    "names",
+    ["X_train X_test y_train y_test", "train_X test_X train_y test_y", "train/X test/X train/y test/y"],
+)
 def test_arrays_of_a_training_and_a_test_set_are_one(tmp_path, suffix, names):
     x, y = np.arange(5 * 4 * 3.0).reshape(5, 4, 3), np.array([7, 8, 7, 8, 7])
-    path = tmp_path / f"x{suffix}"
+    path, names = tmp_path / f"x{suffix}", names if suffix == ".h5" else names.replace("/", "_")
     held = dict(zip(names.split(), (x[:3], x[3:], y[:3], y[3:]), strict=True))
     if suffix == ".npz":
         np.savez(path, **held, other=np.zeros(2))

@@ -1,0 +1,65 @@
+"""The text files of the archive of time series (.ts): a line is a recording, its channels and its class.
+
+After `@data`, colons part the channels of a recording and its class, commas the samples of a channel; ? is a
+missing sample. Source: timeseriesclassification.com, as aeon and sktime read it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from dse.base.records import Array, Floats
+from dse.data.recordings import RecordingError
+
+SIGNAL, LABEL = "signal", "label"
+
+
+def read(path: Path) -> dict[str, Array]:
+    """Return `signal`, (recording, step, channel) or an object of (step, channel) each, and texts `label`.
+
+    Raises:
+        RecordingError: samples have time stamps, no class or no number follows, or channels differ in length.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError as error:
+        raise RecordingError(f"{path.name}: cannot be read: {error.strerror or error}") from error
+    rows = list(_rows(path, lines))
+    labels = np.array([label for label, _ in rows])
+    if len({len(samples) for _, samples in rows}) == 1:
+        return {SIGNAL: np.stack([samples for _, samples in rows]), LABEL: labels}
+    cells = np.empty(len(rows), object)
+    cells[:] = [samples for _, samples in rows]
+    return {SIGNAL: cells, LABEL: labels}
+
+
+def _rows(path: Path, lines: list[str]) -> Iterator[tuple[str, Floats]]:
+    """Yield the class and the samples, (step, channel), of each recording."""
+    marks = [line.strip().lower() for line in lines]
+    if "@data" not in marks:
+        raise RecordingError(f"{path.name}: must have a line @data, got none in {len(lines)} lines")
+    begin, width = marks.index("@data") + 1, 0
+    tags = {words[0]: words[1:] for line in marks[:begin] if (words := line.split()) and words[0][0] == "@"}
+    has_stamps, is_labelled = (tags.get(tag, [""])[0] == "true" for tag in ("@timestamps", "@classlabel"))
+    if has_stamps or not is_labelled:
+        got = "@timeStamps true" if has_stamps else "no @classLabel true"
+        raise RecordingError(f"{path.name}: must have samples without times and a class, got {got}")
+    for number, line in enumerate(lines[begin:], begin + 1):
+        if not marks[number - 1]:
+            continue
+        *channels, label = line.strip().split(":")
+        where = f"{path.name}, line {number}"
+        try:
+            values = [np.array(x.replace("?", "nan").split(","), float) for x in channels]
+        except ValueError as error:
+            raise RecordingError(f"{where}: {error}") from None
+        lengths, width = sorted({*map(len, values)}), width or len(values)
+        if len(lengths) != 1 or len(values) != width:
+            got = f"{len(values)} channels of {', '.join(map(str, lengths)) or 'no'} samples"
+            raise RecordingError(f"{where}: must have {width or 'some'} channels of one length, got {got}")
+        yield label, np.stack(values, axis=1)
+    if not width:
+        raise RecordingError(f"{path.name}: no recording after @data")
