@@ -133,12 +133,13 @@ def columns(rows: pandas.DataFrame, objectives: Sequence[Goal], beside: Iterable
     from dse.api.front import measured
 
     numbers, axes = measured(rows, [name for name, _ in objectives]), _axes(rows)
-    told = [x for x in _SETTINGS if x in rows and (rows.empty or rows[x].fillna(0).any())]  # pruned by 0: not
-    told += ["fits"] if "fits" in rows and rows["fits"].dropna().nunique() > 1 else []
-    asked = [x for x in dict.fromkeys([*_IDENTITY, *told, *numbers, *beside]) if x in rows]
-    others = [x for x in (*_CHOSEN_BY, *axes) if x in rows and x not in asked]
-    kept = {*asked, *others[: max(0, MOST_COLUMNS - len(asked))]}
-    order = [*_IDENTITY, *told, *numbers, *axes, *beside, *_CHOSEN_BY]
+    # What was pruned by 0 was not.
+    settings = [x for x in _SETTINGS if x in rows and (rows.empty or rows[x].fillna(0).any())]
+    settings += ["fits"] if "fits" in rows and rows["fits"].dropna().nunique() > 1 else []
+    first = [x for x in dict.fromkeys([*_IDENTITY, *settings, *numbers, *beside]) if x in rows]
+    others = [x for x in (*_CHOSEN_BY, *axes) if x in rows and x not in first]
+    kept = {*first, *others[: max(0, MOST_COLUMNS - len(first))]}
+    order = [*_IDENTITY, *settings, *numbers, *axes, *beside, *_CHOSEN_BY]
     return [name for name in dict.fromkeys(order) if name in kept]
 
 

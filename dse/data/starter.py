@@ -177,8 +177,8 @@ def starter(
     if n_networks * shares.get("k", 1) > _MOST_TRAININGS:
         text = "Networks that fall behind after these shares of their epochs stop: dse describe search."
         sections[text] = {"search": {"racing": {"rungs": [0.2, 0.5], "eta": 3}}}
-    said = (*look.assumed, *assumed, *recordings.notes())
-    return _yaml(out, said, sections), said
+    notes = (*look.assumed, *assumed, *recordings.notes())
+    return _yaml(out, notes, sections), notes
 
 
 def check_classes(values: Array, label: str) -> None:

@@ -58,13 +58,13 @@ def verdict_of(reference: Reference, engines: Sequence[Engine]) -> Verdict:
     worst = max(verdicts.values(), key=lambda x: (KINDS.index(x.kind), x.decisions_differ, x.spikes_differ))
     if worst.n_recordings == 0 or len(engines) == 1:
         return worst
-    said = [", ".join(x.by) for x in engines]
+    findings = [", ".join(x.by) for x in engines]
     for k, engine in enumerate(engines):
         if engine.run is not None:
-            said[k] += f": {verdicts[id(engine)].reason or 'all decisions and spikes are equal'}"
+            findings[k] += f": {verdicts[id(engine)].reason or 'all decisions and spikes are equal'}"
     return dataclasses.replace(
         worst,
-        reason="" if worst.kind == "faithful" else "; ".join(said),
+        reason="" if worst.kind == "faithful" else "; ".join(findings),
         figures={name: value for x in engines for name, value in x.figures.items()},
         run_by=tuple(name for x in engines if x.run is not None for name in x.by),
     )

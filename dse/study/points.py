@@ -88,10 +88,10 @@ class PointsTable:
 
     def _whole(self, parts: Sequence[Part], trials: Mapping[int, Sequence[RunRecord]]) -> pandas.DataFrame:
         """Return the table of parts, with the corrected accuracies that follow from all of them."""
-        names, asked = corrected.names(self.space), corrected.asked(self.space, trials)
-        counted = sum((corrected.tally(part, names, asked) for part in parts), Counter())
+        names, by_trial = corrected.names(self.space), corrected.asked(self.space, trials)
+        counted = sum((corrected.tally(part, names, by_trial) for part in parts), Counter())
         known = corrected.values(counted)
-        return _table([corrected.with_corrected(part, names, asked, known) for part in parts], self.space)
+        return _table([corrected.with_corrected(part, names, by_trial, known) for part in parts], self.space)
 
     def _parts(
         self, trials: Mapping[int, Sequence[RunRecord]], digests: Mapping[str, str], made: Made

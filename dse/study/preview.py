@@ -177,7 +177,7 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
         row["repairs"] = notes
     k_fold = first.split.k_fold
     name = " and ".join(target_columns(first.task.target))
-    row["doubts"] = said = [
+    row["doubts"] = warnings = [
         *doubts.few(len(parts[1]), 1 if k_fold is None else k_fold.k),
         *doubts.doubts(doubts.Used(recordings, of, first.window.n_steps, look.positions, name)),
         *_without_spikes(space, recordings, look.positions, parts[0]),
@@ -191,7 +191,7 @@ def _from_data(space: SearchSpace) -> dict[str, object]:
             return row
         weights.add(placed(model, known.positions).n_weights(len(known.positions), known.n_outputs))
     if max(weights) > _MOST_WEIGHTS:
-        said.append(
+        warnings.append(
             f"model: the largest design has {max(weights)} weights; a network for touch needs fewer than a "
             "million, and each has to be stored on the device"
         )

@@ -451,10 +451,10 @@ def _of_folder(folder: Path, columns: list[str] | None, head: bool) -> pd.DataFr
     names, parts = tables_below(folder), list[pd.DataFrame]()
     of_part = {name: part_of(name) for name in names}
     beside = ["file", "folder", *([] if None in of_part.values() else [SPLIT])]
-    wanted = None if columns is None else [x for x in columns if x not in beside]
+    own = None if columns is None else [x for x in columns if x not in beside]
     for name in names[: 1 if head else None]:
         try:
-            table = read_table(folder / name, wanted, head=head)
+            table = read_table(folder / name, own, head=head)
         except RecordingError as error:
             raise RecordingError(f"{folder.name}: {by_path(error, name)}") from None
         if parts and list(table.columns) != list(parts[0].columns[: -len(beside)]):

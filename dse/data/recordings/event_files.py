@@ -311,12 +311,12 @@ def labels_of_table(
     found: dict[str, Array] = {}
     try:
         known = arrays.column_names(path)
-        wanted = dict.fromkeys((FILE, *columns.values()))
-        faults += [arrays.missing(path, name, known) for name in wanted if name not in known]
+        needed = dict.fromkeys((FILE, *columns.values()))
+        faults += [arrays.missing(path, name, known) for name in needed if name not in known]
         if FILE not in known:
             return list(names), {}, faults
         order = _table_files(path)
-        values = arrays.load(path, [name for name in wanted if name in known])
+        values = arrays.load(path, [name for name in needed if name in known])
     except RecordingError as error:
         return list(names), {}, [*faults, str(error)]
     for rule, files in (

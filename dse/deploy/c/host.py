@@ -57,8 +57,8 @@ _FOR_SIZE = "-Os"
 def compiler_version(language: Literal["cc", "c++"] = "cc") -> str:
     """Return the name and version of the compiler, such as gcc 12.2.0."""
     command = compiler(language)
-    told = _answer(command, "--version")
-    line, *others = told.splitlines() or [Path(command[0]).name]
+    banner = _answer(command, "--version")
+    line, *others = banner.splitlines() or [Path(command[0]).name]
     numbers = re.findall(r"\d+\.\d+(?:\.\d+)*", line)
     if "clang" in line:
         name = "zig clang" if "ziglang" in command else "clang"

@@ -170,8 +170,8 @@ def _done(command: Sequence[str], folder: Path, what: str, given: bytes = b"") -
     """Run a command in a folder; return what it writes."""
     done = subprocess.run(command, cwd=folder, input=given, capture_output=True, check=False)
     if done.returncode:
-        said = done.stderr.decode(errors="replace").splitlines()
-        faults = [x for x in said if "error" in x.lower()] or said or [f"it ends with code {done.returncode}"]
+        lines = done.stderr.decode(errors="replace").splitlines() or [f"it ends with code {done.returncode}"]
+        faults = [x for x in lines if "error" in x.lower()] or lines
         raise TargetError(f"{what} fails: {faults[0].removeprefix('ERROR: ')}")
     return done.stdout
 
@@ -188,5 +188,5 @@ def _headers(python: Path) -> Path:
 def _versions(python: Path, *packages: str) -> tuple[str, ...]:
     code = "import sys, importlib.metadata as m; print(*(f'{x}={m.version(x)}' for x in sys.argv[1:]))"
     names = [x.replace("_", "-") for x in packages]
-    said = _done([str(python), "-c", code, *names], Path.cwd(), "Python").decode()
-    return tuple(x.replace("=", " ") for x in said.split())
+    versions = _done([str(python), "-c", code, *names], Path.cwd(), "Python").decode()
+    return tuple(x.replace("=", " ") for x in versions.split())

@@ -162,7 +162,7 @@ class TCN(Sliding):
         # What lies before the window is 0 before it is scaled, as it is in integers.
         padded = np.pad(x, ((0, 0), (self.kernel_size - self.stride, 0), (0, 0)))
         given = torch.tensor(np.moveaxis((padded - mean) / scale, 1, 2), dtype=torch.float32)
-        wanted = torch.tensor(target)
+        classes = torch.tensor(target)
         optimiser = torch.optim.Adam([*weights, *biases, head, rest], lr=self.learning_rate)
         falling = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, self.epochs)
         losses, n_threads = np.zeros(self.epochs), torch.get_num_threads()
@@ -179,7 +179,7 @@ class TCN(Sliding):
                         # A shift wastes up to a bit.
                         step = y.detach().max().clamp(min=1e-6) / (HIGHEST // 2)
                         passed = y + ((y / step).floor() * step - y).detach()
-                    loss = cross_entropy(passed.mean(dim=2) @ head.T + rest, wanted[batch])
+                    loss = cross_entropy(passed.mean(dim=2) @ head.T + rest, classes[batch])
                     optimiser.zero_grad()
                     loss.backward()  # type: ignore[no-untyped-call]
                     optimiser.step()

@@ -63,8 +63,8 @@ def shown_first(page: Mapping[str, Any], at: int = 0) -> list[int]:
         return math.inf if value is None else -value if way == "max" else value
 
     def is_within(row: int) -> bool:
-        asked = page["definition"]["budgets"].items()
-        limits = [(name, budgets["columns"][name], limit) for name, limit in asked]
+        budgeted = page["definition"]["budgets"].items()
+        limits = [(name, budgets["columns"][name], limit) for name, limit in budgeted]
         chosen = all(values(name)[row] == values(name)[at] for name in ("task", "hardware") if name in known)
         fits = row not in page["unable"] and ("fits" not in known or values("fits")[row] is not False)
         honest = "transductive" not in known or values("transductive")[row] is not True

@@ -33,8 +33,8 @@ def folder_of(study: Path, trial: int, point: int, hardware: str) -> Path | None
 
     hardware: of the point; '' if points have none.
     """
-    asked = {"trial": trial, "point": point, "hardware": hardware}
+    keys = {"trial": trial, "point": point, "hardware": hardware}
     for folder, record, targets in exported(study):
-        if targets and {name: record.get(name, "") for name in asked} == asked:
+        if targets and {name: record.get(name, "") for name in keys} == keys:
             return folder
     return None

@@ -206,8 +206,8 @@ def on_chips(
         rows += [row for one in choices for row in _figures(part, one)]
         rows += [_ratio_row(part, one, other) for one, other in combinations(choices, 2)]
         choices.sort(key=lambda one: float(np.median(one.drawn_uj)))
-        told = "; ".join([*map(str, choices), *_ratios(choices)])
-        notes.append(f"{about}: at accuracy {accuracy:.3g} ± {error:.2g}, {how}: {told}")
+        described = "; ".join([*map(str, choices), *_ratios(choices)])
+        notes.append(f"{about}: at accuracy {accuracy:.3g} ± {error:.2g}, {how}: {described}")
         orders.append([one.chip.name for one in choices])
     if orders[0] != orders[1]:
         notes[-1] += f"; flat out the order is {', '.join(orders[0])}"

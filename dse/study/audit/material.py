@@ -109,9 +109,9 @@ class Material:
     @cached_property
     def _answers(self) -> dict[str, Ints]:
         """What readers of counts over time answer to the validation samples, then to those of the test."""
-        asked = np.concatenate([self.validation, self.test])
+        evaluated = np.concatenate([self.validation, self.test])
         return {
-            name: reader(self.seen(name, self.train), self.codes, self.seen(name, asked))
+            name: reader(self.seen(name, self.train), self.codes, self.seen(name, evaluated))
             for name, reader in COUNT_READERS.items()
         }
 

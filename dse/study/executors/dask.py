@@ -162,9 +162,9 @@ class Dask:
 
     def _check(self, paths: Sequence[Path]) -> None:
         """Compare versions and files of the workers that there are with those here."""
-        about, wanted = _of_this_process(), [str(path.absolute()) for path in paths]
+        about, required = _of_this_process(), [str(path.absolute()) for path in paths]
         with self._answering():
-            seen = self._client.run(_seen, wanted, on_error="return")
+            seen = self._client.run(_seen, required, on_error="return")
         for worker, answer in seen.items():
             if isinstance(answer, BaseException) and self._cluster is not None:
                 continue  # it has ended, and another one like it is started
