@@ -281,7 +281,7 @@ def test_a_target_is_written_the_same_again(tmp_path, name):
     if name == "torch":
         pytest.importorskip("torch")
     contents = []
-    for folder in (tmp_path / "one", tmp_path / "two"):  # of circuits: test_fpga
+    for folder in (tmp_path / "one", tmp_path / "two"):  # of circuits: check_target
         folder.mkdir()
         assert target.refusal(net) == ""
         target.write(net, folder)
