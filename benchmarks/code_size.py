@@ -126,7 +126,7 @@ ENCODERS = (
     _DELTA | {"thresholds": [1, 4]},
     _DELTA | {"thresholds": [0.5, 2.25], "reference": "level"},
     _DELTA | {"thresholds": [0.7, 1.9]},
-    _DELTA | {"thresholds": [0.3, 1.1], "reference": "value"},
+    _DELTA | {"thresholds": [0.3, 1.1], "reference": "level"},
     {"kind": "quantised", "step": 0.5, "digits": 2},
     {"kind": "receptors", "sa": False},
 )

@@ -12,7 +12,7 @@ from dse.deploy.targets import emulator
 from dse.deploy.verify import target_named
 
 
-@pytest.mark.parametrize("compiler", ["gcc"])
+@pytest.mark.parametrize("compiler", ["clang", "gcc"])
 @pytest.mark.parametrize("core", ["cortex_m4", "cortex_m0plus"])
 def test_flash_behind_an_encoder_is_known_before_it_is_compiled(core, compiler):
     if why := emulator.missing():

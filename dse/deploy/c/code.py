@@ -53,7 +53,8 @@ class Code(Frame):
     def parts(self) -> Counter[str]:
         """Return how often each part of the code occurs (dse.deploy.c.code_size): here, of the front end."""
         kind = "receptors" if self.is_receptors else "real_samples" if self.takes_real else self.front_end
-        return Counter() if kind == "spikes" else Counter([kind])
+        is_divided = isinstance(self.encoder, SendOnDeltaForm) and self.encoder.rule == "level"
+        return Counter() if kind == "spikes" else Counter([kind, *[f"divided_{kind}"] * is_divided])
 
     @property
     def kinds(self) -> Collection[str]:
