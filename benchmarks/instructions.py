@@ -164,6 +164,18 @@ FAMILIES: dict[str, Callable[[float, list[int], np.random.Generator], tuple[Any,
             read_outs=1,
         ),
     ),
+    "levels": lambda window_ms, hidden, rng: (
+        Linear(window_ms=window_ms, read_outs=1, epochs=3, reads="levels"),
+        MLP(
+            window_ms=window_ms,
+            channels="each",
+            hidden=tuple(hidden),
+            epochs=3,
+            read_outs=1,
+            precision="int8",
+            reads="levels",
+        ),
+    ),
     "convolutions": lambda window_ms, hidden, rng: (
         TCN(
             window_ms=window_ms / 4,

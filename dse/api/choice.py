@@ -202,7 +202,7 @@ def choose(
     if study and targets:
         from dse.deploy.footprints import on_targets
 
-        points, on_target = on_targets(study, points, targets)
+        points, on_target = on_targets(study, points, targets, question.hardware)
         remarks += on_target
     objectives = question.goals(folder) if study or question.objectives else []
     maximise = maximise or next((name for name, way in objectives if way == "max"), "accuracy")

@@ -84,6 +84,7 @@ def front_of(
     if question.targets:
         from dse.deploy.footprints import on_targets
 
-        rows, remarks = on_targets(open_study(results[0]), rows, question.targets)
+        study = open_study(results[0])
+        rows, remarks = on_targets(study, rows, question.targets, question.hardware)
         notes += remarks
     return Skyline(rows, notes)

@@ -155,7 +155,8 @@ def remarks(section: str, name: str | None) -> list[str]:
         target: Any = registry.known(section)[name]
         extra = [f"needs pip install 'dse-spiking[{target.extra}]'"] if target.extra else []
         chip = getattr(target, "profile", "")
-        predicted = [f"cycles of `dse pick`: per inference, predicted by {chip}"] if chip else []
+        beside = "or the profile in --hardware whose key target is this one"
+        predicted = [f"cycles of `dse pick`: per inference, predicted by {chip}, {beside}"] if chip else []
         return [*extra, *predicted, f"use: {target.use}"]
     if section != "hardware" or name is None:
         return []

@@ -5,6 +5,8 @@ import pytest
 from dse.cli import main
 from dse.config import ConfigError, load_space
 from dse.deploy.bundle import read
+from dse.deploy.c import code_size
+from dse.deploy.c.counting import code_of
 from dse.deploy.export import bundle_of
 from dse.deploy.footprints import on_targets
 from dse.deploy.targets.c99 import C99
@@ -74,6 +76,41 @@ def test_a_budget_in_cycles_picks_by_the_prediction_of_the_core(study, tmp_path,
     [row] = document(capsys, *pick, "--target", "riscv32", *export)["rows"]
     assert row["cycles"] is None and row["ram_bytes"] > 0
     assert "cycles" not in read(tmp_path / "bundle").record
+
+
+def test_cycles_and_flash_are_of_the_compiler_of_the_profile_that_is_asked(study, tmp_path, capsys):
+    asked = ["mcu_m4", "mcu_m4_gcc", "mcu_m33_gcc"]
+    points = pricing.points(study.folder, asked)
+    on, _ = on_targets(study, points, ["cortex_m4"], asked)
+    of = {name: rows.reset_index(drop=True) for name, rows in on.groupby("hardware")}
+    own = points[(points["hardware"] == "mcu_m4_gcc") & (points["model.arithmetic"] == "integer")]
+    assert of["mcu_m4_gcc"]["cycles"].tolist() == pytest.approx((own["hardware_latency_ms"] * 120e3).tolist())
+    code = code_of(bundle_of(study, {str(k): x for k, x in of["mcu_m4_gcc"].iloc[0].items()}))
+    for name, compiler in (("mcu_m4", "clang"), ("mcu_m4_gcc", "gcc")):
+        assert of[name]["flash_bytes"][0] == code_size.flash_bytes(code, code_size.CORTEX_M[compiler])
+    # Another core says nothing of this one.
+    same = ["cycles", "flash_bytes", "ram_bytes"]
+    assert of["mcu_m33_gcc"][same].equals(of["mcu_m4"][same])
+    waits = '{value: 2, low: 2, high: 2, unit: "1", evidence: measured, source: "a stopwatch"}'
+    (file := tmp_path / "mine.yaml").write_text(
+        f"name: mine\nlike: mcu_m4_gcc\ndoc: mine\nwait_factor: {waits}\n"
+    )
+    pick = "pick", study.folder, "--budget", "trial == 0", "--target", "cortex_m4", "--hardware"
+    [row], [usual] = (document(capsys, *pick, name)["rows"] for name in (file, "mcu_m4_gcc"))
+    assert row["cycles"] == pytest.approx(2 * usual["cycles"])
+    assert row["flash_bytes"] == usual["flash_bytes"]
+
+
+def test_a_gate_array_of_ones_own_says_what_its_target_takes(study, tmp_path):
+    own = '{value: 650, low: 650, high: 650, unit: "1", evidence: measured, source: "counted"}'
+    (file := tmp_path / "mine.yaml").write_text(
+        f"name: mine\nlike: ice40_up5k\ndoc: mine\ncircuit_cells: {own}\n"
+    )
+    cells = []
+    for name in ("ice40_up5k", str(file)):
+        points = pricing.points(study.folder, [name])
+        cells.append(on_targets(study, points, ["ice40"], [name])[0]["cells"])
+    assert set(cells[1] - cells[0]) == {100}  # of a circuit the shipped profile says 550
 
 
 def test_a_gate_array_is_chosen_by_cycles_and_blocks_before_it_is_synthesised(study):

@@ -52,8 +52,9 @@ class Code(Frame):
 
     def parts(self) -> Counter[str]:
         """Return how often each part of the code occurs (dse.deploy.c.code_size): here, of the front end."""
-        kind = "receptors" if self.is_receptors else self.front_end
-        return Counter() if kind == "spikes" else Counter([kind])
+        kind = "receptors" if self.is_receptors else "real_samples" if self.takes_real else self.front_end
+        is_divided = isinstance(self.encoder, SendOnDeltaForm) and self.encoder.rule == "level"
+        return Counter() if kind == "spikes" else Counter([kind, *[f"divided_{kind}"] * is_divided])
 
     @property
     def kinds(self) -> Collection[str]:
@@ -68,12 +69,16 @@ class Code(Frame):
     @property
     def needs_double(self) -> bool:
         """Whether it computes in double, whatever samples are."""
-        real = self.encoder is not None and not self.encoder.takes_whole
-        return self.is_receptors or real or "double" in self.kinds
+        return self.is_receptors or self.takes_real or "double" in self.kinds
 
     @property
     def is_receptors(self) -> bool:
         return isinstance(self.encoder, ReceptorsForm)
+
+    @property
+    def takes_real(self) -> bool:
+        """Whether its encoder needs floating point, whatever samples are."""
+        return self.encoder is not None and not self.encoder.takes_whole
 
     @property
     def is_delta(self) -> bool:

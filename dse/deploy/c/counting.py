@@ -18,7 +18,7 @@ from dse.deploy.c.arrays import Member, Table, index, members_of
 from dse.deploy.c.code import Code
 from dse.deploy.c.plan import plan_of
 from dse.deploy.c.text import filled
-from dse.deploy.form import ReceptorsForm, Unsupported, frame_of
+from dse.deploy.form import Unsupported, frame_of
 from dse.models.counts.elm import ELM, borders
 from dse.models.counts.integers import MOST_SUM, MOST_UNIT, IntegerLayers, largest_sum
 from dse.models.counts.kernels import MOST_LEVEL, Kernels, Sliding, begins, ring_bins
@@ -132,7 +132,7 @@ class CountingPlan(Code):
         n["many_places"], n["two_places"] = len(self.labels) > 4, len(self.labels) <= 2  # unrolled loops
         n["several_words"] = self.channel_words > 1
         # Encoder and classifier call the same routines.
-        n["doubles_again"] = "double" in self.kinds and isinstance(self.encoder, ReceptorsForm)
+        n["doubles_again"] = "double" in self.kinds and (self.is_receptors or self.takes_real)
         return n
 
     def values(self) -> dict[str, Any]:

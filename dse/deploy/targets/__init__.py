@@ -32,6 +32,8 @@ class Target(Protocol):
     A target that knows what a classifier takes before anything is written has a method `footprint(bundle)`,
     which returns column -> number, such as ram_bytes; `dse pick` chooses by these columns. If it also has
     `profile`, the name of a hardware profile of kind processor or gate_array, this predicts column cycles.
+    On another profile of this kind whose key `target` names it, that one does, and `footprint(bundle, chip)`
+    is called with it.
 
     A target whose names begin with the bundle's `prefix` (`dse export --prefix`) has `has_prefix`, True.
 

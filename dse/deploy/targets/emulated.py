@@ -28,7 +28,7 @@ from dse.deploy.reference import Reference
 from dse.deploy.targets import emulator
 from dse.deploy.targets.c99 import InC
 from dse.deploy.targets.emulator import MOST_FLASH_BYTES, Core, Machine, Program, compiled
-from dse.measure.hardware.profile import load
+from dse.measure.hardware.profile import Profile, load
 
 MEMORY = Path(__file__).parent / "memory"
 _APART = 16
@@ -58,14 +58,14 @@ class Emulated(InC):
             raise Unsupported(f"it takes {n} bytes of flash, and {chip} has {flash}")
         return plan
 
-    def _flash(self, plan: Code) -> dict[str, float]:
-        parts = self.core.parts
+    def _flash(self, plan: Code, compiler: str = "clang") -> dict[str, float]:
+        parts = self.core.parts.get(compiler)
         return {"flash_bytes": code_size.flash_bytes(plan, parts)} if parts else {}
 
-    def footprint(self, bundle: Bundle) -> dict[str, float]:
+    def footprint(self, bundle: Bundle, chip: Profile | None = None) -> dict[str, float]:
         """Return its memory before it is written: in flash constants exactly, code from measured parts."""
         plan = code_of(bundle)
-        return plan.footprint | self._flash(plan)
+        return plan.footprint | self._flash(plan, chip.compiler if chip else "clang")
 
     def emit(self, form: Code, bundle: Bundle, folder: Path) -> None:
         """Write the files of `c99`, and how they are compiled for the core."""

@@ -91,8 +91,8 @@ class Core:
     pace: cycles of this core per cycle of the rule.
     profile: hardware profile that predicts its cycles; '' for none.
     note: about it, for `dse describe`.
-    parts: bytes of the parts of the code (dse.deploy.c.code_size); empty: not measured, so that flash is not
-        known before it is compiled.
+    parts: compiler -> bytes of the parts of the code (dse.deploy.c.code_size); of others, flash is not known
+        before it is compiled.
     """
 
     name: str
@@ -107,7 +107,7 @@ class Core:
     pace: float = 1.0
     profile: str = ""
     note: str = ""
-    parts: Mapping[str, float] = field(default_factory=dict, hash=False, repr=False)
+    parts: Mapping[str, Mapping[str, float]] = field(default_factory=dict, hash=False, repr=False)
 
     @property
     def options(self) -> tuple[str, ...]:

@@ -30,6 +30,7 @@ from dse.deploy.targets import BackEnd, Engine
 from dse.deploy.verilog import circuit, tools
 from dse.deploy.verilog.circuit import Circuit
 from dse.deploy.verilog.tools import Board
+from dse.measure.hardware.kinds.gate_array import GateArray
 
 _REPORT = "report.json"
 _COUNTED = "cells", "memory_blocks", "multipliers"
@@ -62,9 +63,9 @@ class Fpga(BackEnd[Circuit]):
         work = self.board.chip.cell_work(form.stored, form.memories, share_bits, form.slot_bits)
         return work | {"level_cells": form.level_bits}
 
-    def footprint(self, bundle: Bundle) -> dict[str, float]:
+    def footprint(self, bundle: Bundle, chip: GateArray | None = None) -> dict[str, float]:
         """Return its cells, blocks of memory, and the most cycles of a step: everything spikes."""
-        form, chip = self.form(bundle), self.board.chip
+        form, chip = self.form(bundle), chip or self.board.chip
         return {
             "cells": float(round(chip.n_cells(self.cell_work(form)))),
             "memory_blocks": float(sum(chip.n_blocks(form.memories).values())),

@@ -113,6 +113,8 @@ class Profile(ABC):
     programmable: whether its neurons run programs, so that it runs resonators too.
     schedule: on which it answers; None: what an answer costs is all that is asked.
     label: what readers call it; '' for its name.
+    target: target that runs on it, whose cycles it predicts; '' for none.
+    compiler: that makes the code of the target.
     any_neuron: whether all profiles of this kind run any neurons: processors and conventions.
     delays_synapses: whether profiles of this kind may give synapses delays of their own.
     """
@@ -124,6 +126,8 @@ class Profile(ABC):
     programmable: bool = dataclasses.field(default=False, kw_only=True)
     schedule: Schedule | None = dataclasses.field(default=None, kw_only=True)
     label: str = dataclasses.field(default="", kw_only=True)
+    target: str = dataclasses.field(default="", kw_only=True)
+    compiler: str = dataclasses.field(default="clang", kw_only=True)
 
     any_neuron: ClassVar[bool] = False
     delays_synapses: ClassVar[bool] = True
@@ -334,6 +338,8 @@ class _About:
     like: str = param("", doc="shipped profile that all other keys are taken from, but its name and label")
     interval_only: bool = param(False, doc="whether no values are published, so that a cost is a range")
     programmable: bool = param(False, doc="whether its neurons run programs, so that it runs resonators")
+    target: str = param("", doc="target that runs on it: the cycles are of its code")
+    compiler: Literal["clang", "gcc"] = param("clang", doc="compiler of that code")
 
 
 def _profile(document: Document, text: str) -> Profile | None:

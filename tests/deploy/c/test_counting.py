@@ -124,7 +124,7 @@ def test_answers_on_a_core_without_hardware_for_doubles(model, tmp_path):
     verdict = nets.faithful(target, made, reference, tmp_path)
     footprint = target.footprint(made)
     assert footprint["ram_bytes"] == verdict.figures["ram_bytes"]
-    assert footprint["flash_bytes"] == pytest.approx(verdict.figures["flash_bytes"], abs=400)
+    assert footprint["flash_bytes"] == pytest.approx(verdict.figures["flash_bytes"], abs=500)
     cycles = verdict.figures["cycles_per_inference"]
     assert _predicted(made, reference) == pytest.approx(cycles, rel=0.1)  # of small ones; benchmarks: 5 %
 

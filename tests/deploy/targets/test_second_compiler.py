@@ -5,6 +5,7 @@ Skipped where they are missing (Debian: gcc-arm-none-eabi, libnewlib-arm-none-ea
 
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,8 @@ def test_spikes_and_decisions_equal(core, case, number, tmp_path):
     assert by_clang["ram_bytes"] <= figures["ram_bytes"] <= by_clang["ram_bytes"] + 8  # gaps between sections
     for name in ("flash_bytes", "cycles_per_inference"):
         assert 0.5 < figures[name] / by_clang[name] < 2
+    before = target.footprint(made, replace(load(f"mcu_{core}"), compiler="gcc"))
+    assert before["flash_bytes"] == pytest.approx(figures["flash_bytes"], abs=400)
 
 
 @pytest.mark.skipif(GCC is None, reason="arm-none-eabi-gcc is not installed")

@@ -163,6 +163,7 @@ def test_a_file_of_ones_own_loads(tmp_path):
         (lambda d: d.update(kind="mush"), "unknown kind of hardware 'mush'; known: .* Did you mean 'mesh'"),
         (lambda d: d.update(kind=["mesh"]), "unknown kind of hardware"),
         (lambda d: d.update(interval_only="yes"), "interval_only must be true or false, got 'yes'"),
+        (lambda d: d.update(compiler="icc"), "unknown compiler 'icc'"),
         (lambda d: d.update(name=3), "name must be text, got 3"),
         (lambda d: d.update(name="../mine"), "name must be valid as a file name, got '../mine'"),
         (lambda d: d["spike_pj"].update(high=10**400), "spike_pj.high must be a number, got '1000"),
