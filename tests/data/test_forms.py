@@ -95,10 +95,10 @@ def test_groups_of_hdf5_that_are_no_recordings_stay_apart(tmp_path):
     from dse.data.recordings import arrays
 
     with h5py.File(tmp_path / "parts.h5", "w") as file:
-        for part in ("train", "test"):
+        for part in ("left", "right"):
             file[f"{part}/x"], file[f"{part}/y"] = np.zeros((5, 9, 2)), np.arange(5)
-    assert {*arrays.headers(tmp_path / "parts.h5")} == {"train/x", "train/y", "test/x", "test/y"}
-    assert arrays.load(tmp_path / "parts.h5", ["test/y"])["test/y"].tolist() == [0, 1, 2, 3, 4]
+    assert {*arrays.headers(tmp_path / "parts.h5")} == {"left/x", "left/y", "right/x", "right/y"}
+    assert arrays.load(tmp_path / "parts.h5", ["right/y"])["right/y"].tolist() == [0, 1, 2, 3, 4]
 
 
 def test_padding_holds_the_last_sample():
