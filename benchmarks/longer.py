@@ -78,7 +78,9 @@ def wider(path: Path, n_trials: int) -> Any:
 
 
 def _windows(model: dict[str, Any]) -> None:
-    model["window_ms"] = {"choice": [model["window_ms"] * x for x in (0.5, 1.0, 2.0)]}
+    given = model["window_ms"]
+    windows_ms = given["choice"] if isinstance(given, dict) else [given]
+    model["window_ms"] = {"choice": sorted({each * x for each in windows_ms for x in (0.5, 1.0, 2.0)})}
 
 
 def _linear(model: dict[str, Any]) -> None:
