@@ -7,7 +7,9 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from dse.base import registry
 from dse.base.records import Network
+from dse.config.faults import known_names
 from dse.config.locate import shipped_profiles
 from dse.deploy.bundle import BundleError
 from dse.deploy.export import bundle_of
@@ -44,7 +46,7 @@ def on_targets(
         a profile of the target, both are of that one. Points that a target cannot hold are left out there.
 
     Raises:
-        BundleError: a target is unknown, or no target can hold any of the points.
+        BundleError: a target, of a profile too, is unknown, or no target can hold any of the points.
         ConfigError: as in `pricing.points`.
         StoreError: an artefact is damaged.
     """
@@ -104,6 +106,9 @@ def _others(
     for name in points["hardware"].dropna().unique() if "hardware" in points else ():
         is_shipped = name in shipped_profiles()
         chip = load(name) if is_shipped else asked.get(name) or pricing.kept(study.folder, name)
+        if chip.target and chip.target not in (known := registry.known("targets")):
+            text = f"hardware profile '{name}': target '{chip.target}' is unknown"
+            raise BundleError(f"{text}; {known_names(chip.target, known)}")
         base = usual.get(chip.target)
         if chip is not base and type(chip) is type(base):
             others[chip.target][name] = chip

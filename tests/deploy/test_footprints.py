@@ -101,6 +101,13 @@ def test_cycles_and_flash_are_of_the_compiler_of_the_profile_that_is_asked(study
     assert row["flash_bytes"] == usual["flash_bytes"]
 
 
+def test_a_profile_for_an_unknown_target_is_refused(study, tmp_path, capsys):
+    (file := tmp_path / "mine.yaml").write_text("name: mine\nlike: mcu_m4\ndoc: mine\ntarget: cortex_m5\n")
+    assert main(["pick", str(study.folder), "--target", "cortex_m4", "--hardware", str(file)]) == 2
+    error = capsys.readouterr().err
+    assert "'mine'" in error and "'cortex_m5'" in error and "Did you mean 'cortex_m" in error
+
+
 def test_a_gate_array_of_ones_own_says_what_its_target_takes(study, tmp_path):
     own = '{value: 650, low: 650, high: 650, unit: "1", evidence: measured, source: "counted"}'
     (file := tmp_path / "mine.yaml").write_text(
