@@ -24,7 +24,7 @@ def read(path: Path) -> dict[str, Array]:
         RecordingError: samples have time stamps, no class or no number follows, or channels differ in length.
     """
     try:
-        lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     except OSError as error:
         raise RecordingError(f"{path.name}: cannot be read: {error.strerror or error}") from error
     rows = list(_rows(path, lines))
@@ -42,8 +42,8 @@ def _rows(path: Path, lines: list[str]) -> Iterator[tuple[str, Floats]]:
     if "@data" not in marks:
         raise RecordingError(f"{path.name}: must have a line @data, got none in {len(lines)} lines")
     begin, width = marks.index("@data") + 1, 0
-    tags = {words[0]: words[1:] for line in marks[:begin] if (words := line.split()) and words[0][0] == "@"}
-    has_stamps, is_labelled = (tags.get(tag, [""])[0] == "true" for tag in ("@timestamps", "@classlabel"))
+    tags = {words[0]: words[1] for line in marks[:begin] if len(words := line.split()) > 1}
+    has_stamps, is_labelled = (tags.get(tag) == "true" for tag in ("@timestamps", "@classlabel"))
     if has_stamps or not is_labelled:
         got = "@timeStamps true" if has_stamps else "no @classLabel true"
         raise RecordingError(f"{path.name}: must have samples without times and a class, got {got}")
@@ -60,6 +60,10 @@ def _rows(path: Path, lines: list[str]) -> Iterator[tuple[str, Floats]]:
         if len(lengths) != 1 or len(values) != width:
             got = f"{len(values)} channels of {', '.join(map(str, lengths)) or 'no'} samples"
             raise RecordingError(f"{where}: must have {width or 'some'} channels of one length, got {got}")
-        yield label, np.stack(values, axis=1)
+        if "," in label:
+            raise RecordingError(
+                f"{where}: must end with a class, got '{label[:40]}', as if it were cut short"
+            )
+        yield label.strip(), np.stack(values, axis=1)
     if not width:
         raise RecordingError(f"{path.name}: no recording after @data")

@@ -56,12 +56,21 @@ def test_what_is_written_is_read(tmp_path_factory, n_channels, lengths, seed):
         (HEAD + "1,2:3:silk\n", "line 6: .* 1, 2 samples"),
         (HEAD + "1,x:silk\n", "line 6: .*'x'"),
         (HEAD + "silk\n", "line 6: .*0 channels of no samples"),
+        (HEAD + "1,2:3,4:silk\n1,2:3,4:5,6", "line 7: .*got '5,6'"),  # cut short
+        (HEAD.replace("@classLabel true felt silk", "@classLabel") + "1,2\n", "no @classLabel"),
     ],
 )
 def test_what_is_none_is_one_line(tmp_path, text, fault):
     with pytest.raises(RecordingError) as refused:
         arrays.load(written(tmp_path, text))
     assert re.search(fault, str(refused.value)) and "\n" not in str(refused.value)
+
+
+def test_marks_and_line_ends_of_windows_are_no_text(tmp_path):
+    path = tmp_path / "touch.TS"
+    path.write_bytes(b"\xef\xbb\xbf@classLabel True a b\r\n@DATA\r\n1,2:3,4:a\r\n5,6:7,8:b\r\n")
+    found = arrays.load(path)
+    assert found["label"].tolist() == ["a", "b"] and found["signal"].tolist()[1] == [[5, 7], [6, 8]]
 
 
 def test_a_first_space_reads_it(tmp_path, capsys):
