@@ -378,6 +378,7 @@ def test_a_thousand_files(tmp_path):
         tact(tmp_path / "f" / str(k % 10) / f"{k:03}.tact", [0, k + 1])
     source = EventFiles("f", label_from="folder", columns={"digit": "folder"}, format="neutouch")
     assert source.check(tmp_path) == []
+    assert list(source.read(tmp_path).blocks(0))  # modules are imported before memory is counted
     tracemalloc.start()
     found = source.read(tmp_path)
     n = sum(len(block.t_us) for i in range(found.n_recordings) for block in found.blocks(i))
