@@ -138,6 +138,7 @@ def quoted(profile: str, kinds: list[str], begin: str) -> Array:
     return np.array([figures[kind] if kind.startswith(begin) else np.nan for kind in kinds], np.float64)
 
 
+_OF_INTEGERS: dict[str, Any] = {"channels": "each", "epochs": 3, "read_outs": 1, "precision": "int8"}
 FAMILIES: dict[str, Callable[[float, list[int], np.random.Generator], tuple[Any, ...]]] = {
     "counts": lambda window_ms, hidden, rng: (
         KNN(window_ms=window_ms, channels="each", k=int(rng.choice([1, 3, 5]))),
@@ -148,14 +149,7 @@ FAMILIES: dict[str, Callable[[float, list[int], np.random.Generator], tuple[Any,
     ),
     "integers": lambda window_ms, hidden, rng: (
         Linear(window_ms=window_ms, read_outs=1, epochs=20),
-        MLP(
-            window_ms=window_ms,
-            channels="each",
-            hidden=tuple(hidden),
-            epochs=3,
-            read_outs=1,
-            precision="int8",
-        ),
+        MLP(window_ms=window_ms, hidden=tuple(hidden), **_OF_INTEGERS),
         Kernels(
             window_ms=window_ms / 4,
             kernels=4 * hidden[0],
@@ -166,15 +160,7 @@ FAMILIES: dict[str, Callable[[float, list[int], np.random.Generator], tuple[Any,
     ),
     "levels": lambda window_ms, hidden, rng: (
         Linear(window_ms=window_ms, read_outs=1, epochs=3, reads="levels"),
-        MLP(
-            window_ms=window_ms,
-            channels="each",
-            hidden=tuple(hidden),
-            epochs=3,
-            read_outs=1,
-            precision="int8",
-            reads="levels",
-        ),
+        MLP(window_ms=window_ms, hidden=tuple(hidden), reads="levels", **_OF_INTEGERS),
     ),
     "convolutions": lambda window_ms, hidden, rng: (
         TCN(

@@ -28,7 +28,7 @@ import numpy as np
 
 import dse
 from benchmarks.made_recordings import MADE, made
-from dse.data.recordings import ts_file
+from dse.data.recordings import arrays
 
 SETS = {"BasicMotions": "", "GunPoint": "", "JapaneseVowels": "_eq"}
 """Of aeon's wheel: names, and the ending of the files in which recordings have one length."""
@@ -104,9 +104,9 @@ def published(name: str) -> Arrays:
     if found is None or found.origin is None:
         raise SystemExit(f"{name} is in the wheel of aeon: pip install --no-deps aeon==1.6.0")
     folder = Path(found.origin).parent / "datasets" / "data" / name
-    parts = [ts_file.read(folder / f"{name}{SETS[name]}_{part}.ts") for part in ("TRAIN", "TEST")]
-    signal, label = (np.concatenate([part[x] for part in parts]) for x in (ts_file.SIGNAL, ts_file.LABEL))
-    return _arrays(signal, label, np.arange(len(label)) < len(parts[0][ts_file.LABEL]), 10.0)
+    parts = [arrays.load(folder / f"{name}{SETS[name]}_{part}.ts") for part in ("TRAIN", "TEST")]
+    signal, label = (np.concatenate([part[x] for part in parts]) for x in ("signal", "label"))
+    return _arrays(signal, label, np.arange(len(label)) < len(parts[0]["label"]), 10.0)
 
 
 def _arrays(signal: np.ndarray, label: np.ndarray, is_train: np.ndarray, step_ms: float) -> Arrays:

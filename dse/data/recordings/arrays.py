@@ -368,10 +368,17 @@ def _hdf5(path: Path, names: list[str] | None, only_shapes: bool = False) -> dic
     return found
 
 
+def _ts(path: Path, names: list[str] | None) -> dict[str, Array]:
+    """Return `signal` and `label` of a .ts file."""
+    signals, labels = ts_file.read(path)
+    are_even = len({len(samples) for samples in signals}) == 1
+    return {"signal": np.stack(signals) if are_even else cells_of(signals), "label": np.array(labels)}
+
+
 _READERS: Mapping[str, Callable[[Path, list[str] | None], dict[str, Array]]] = {
     "hdf5": _hdf5,
     "matlab": _matlab,
-    "ts": lambda path, names: ts_file.read(path),
+    "ts": _ts,
 }
 """Kind -> reader of a file; more arrays than are named may come."""
 

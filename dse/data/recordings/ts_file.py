@@ -11,14 +11,12 @@ from pathlib import Path
 
 import numpy as np
 
-from dse.base.records import Array, Floats
+from dse.base.records import Floats
 from dse.data.recordings import RecordingError
 
-SIGNAL, LABEL = "signal", "label"
 
-
-def read(path: Path) -> dict[str, Array]:
-    """Return `signal`, (recording, step, channel) or an object of (step, channel) each, and texts `label`.
+def read(path: Path) -> tuple[list[Floats], list[str]]:
+    """Return the samples of each recording, (step, channel), and their classes.
 
     Raises:
         RecordingError: samples have time stamps, no class or no number follows, or channels differ in length.
@@ -27,13 +25,8 @@ def read(path: Path) -> dict[str, Array]:
         lines = path.read_text(encoding="utf-8-sig", errors="replace").splitlines()
     except OSError as error:
         raise RecordingError(f"{path.name}: cannot be read: {error.strerror or error}") from error
-    rows = list(_rows(path, lines))
-    labels = np.array([label for label, _ in rows])
-    if len({len(samples) for _, samples in rows}) == 1:
-        return {SIGNAL: np.stack([samples for _, samples in rows]), LABEL: labels}
-    cells = np.empty(len(rows), object)
-    cells[:] = [samples for _, samples in rows]
-    return {SIGNAL: cells, LABEL: labels}
+    labels, signals = zip(*_rows(path, lines), strict=True)
+    return list(signals), list(labels)
 
 
 def _rows(path: Path, lines: list[str]) -> Iterator[tuple[str, Floats]]:
